@@ -35,7 +35,8 @@ def __getattr__(name: str) -> Any:
 class AircraftRoom(types.ModuleType):
     """Module type of the package `anser.aircraft` that makes the package callable: `anser.aircraft("f16")`.
 
-    The import of the package replaces the function `anser.aircraft`, so that the package must load an aircraft too.
+    The function `anser.aircraft` loads an aircraft. An import of the package of the same name replaces the function; a
+    call of the package then does what the function does.
     """
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:

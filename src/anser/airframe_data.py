@@ -20,12 +20,12 @@ DERIVATIVES = tuple(coefficient + argument for coefficient in COEFFICIENTS for a
 
 
 def derivative_columns(surfaces: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the endings of derivative names: `DERIVATIVE_ARGUMENTS`, then `_` and the name of each surface."""
+    """Return the endings of derivative names: `DERIVATIVE_ARGUMENTS`, then one such as `_elevator` for each surface."""
     return (*DERIVATIVE_ARGUMENTS, *(f"_{name}" for name in surfaces))
 
 
 def derivative_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] | None:
-    """Return the row (in `COEFFICIENTS`) and column (in `derivative_columns`) of a derivative; None if unknown."""
+    """Return the indices of a derivative (`Cm_alpha`) in `COEFFICIENTS` and `derivative_columns`; None if unknown."""
     coefficient, ending = name[:2], name[2:]
     columns = derivative_columns(surfaces)
     return (
@@ -46,7 +46,7 @@ _ROUNDING: Final = 1e-9
 class BodyFault:
     """A physically impossible quantity of a rigid body."""
 
-    quantity: str  # name from `positive`, or "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"
+    quantity: str  # name of the mass, area, length or element of the inertia matrix ("Jxx", "Jyy", "Jxy", ...)
     arrived: float  # rejected value
     expected: str  # description of an acceptable value
 

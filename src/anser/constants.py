@@ -1,4 +1,4 @@
-"""Constants: physical constants with sources, least distances from goals, integration steps; SI, unit in the name."""
+"""Physical constants with sources, least distances from goals, and bounds of the integration step; SI units."""
 
 # [WGS84] NIMA TR8350.2: the two defining parameters of the ellipsoid; `anser.spatial.Ellipsoid` derives the others.
 WGS84_A_M = 6378137.0

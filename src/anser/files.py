@@ -136,7 +136,7 @@ def result_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
 
 
 def remove_empty_folders(folders: list[Path]) -> None:
-    """Remove the listed folders in order (innermost first); stop at the first folder that is not empty or missing."""
+    """Remove the listed folders in order (innermost first), up to the first folder that is missing or has content."""
     with defer_interrupts(), contextlib.suppress(OSError):
         for folder in folders:
             folder.rmdir()
@@ -167,7 +167,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _temporary(path: Path, target: Path) -> Iterator[None]:
-    """Remove the temporary file or folder `path` at the end of the block; an OSError names `target` in its place."""
+    """Remove the temporary file or folder `path` after the block, and replace `path` by `target` in an OSError."""
     _unfinished.add(path)
     try:
         yield

@@ -82,7 +82,7 @@ def surface_label(name: str) -> str:
 
 
 def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
-    """Return the variables of control surfaces: all positions, then all commands; `subscripts` are by surface name."""
+    """Return the variables of control surfaces, positions before commands; `subscripts` maps names to subscripts."""
     labelled = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
     positions = (_variable(name, "deg", _BODY, symbol, label) for name, symbol, label in labelled)
     commands = (

@@ -1,6 +1,6 @@
 """Version of the package, and the git commit of its source.
 
-An installed wheel contains both. In a clone, also with an editable install, both come from git at the first use.
+An installed wheel contains version and commit. In a clone, also with an editable install, git gives them when needed.
 """
 
 import functools

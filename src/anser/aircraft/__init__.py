@@ -15,7 +15,7 @@
 ``simple_body``           unpowered bodies of the NESC check-cases
 ``dispersions``           copies of an aircraft with deviating data
 ``changes``               changes of an aircraft during a flight: faults, ice, shifted load
-``corrected_airframe``    airframe with increments of its coefficients, the onboard model of the adaptive autopilot
+``corrected_airframe``    onboard model of the adaptive autopilot: an airframe with coefficients corrected in flight
 ``table_checks``          search for suspect entries of coefficient tables
 ========================  ==============================================================================================
 """

@@ -18,8 +18,8 @@ class AbstractActuators(eqx.Module):
     Each class defines its own actuator state; every state has an attribute `position` (rad).
     """
 
-    #: Time constant of the lag from command to position, s, with which controllers invert the actuators. In
-    #: `InstantActuators` this is the sampling period.
+    #: Time constant (s) of the lag from command to position, which `command_for_rate` inverts. In `InstantActuators`,
+    #: the sampling period.
     time_constant: eqx.AbstractVar[Vector]
     #: Lower and upper position limit, rad, and greatest deflection rate, rad/s.
     lower: eqx.AbstractVar[Vector]
@@ -38,7 +38,7 @@ class AbstractActuators(eqx.Module):
         """Return the time derivative of the actuator state under a command (rad), as an object of the state's class."""
 
     def before_step(self, state: Any, command: Vector) -> Any:
-        """Return the actuator state at the start of an integration step under a command (rad); by default `state`."""
+        """Return the state after changes between integration steps, such as a jump to `command`; by default `state`."""
         return state
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
@@ -50,7 +50,7 @@ class AbstractActuators(eqx.Module):
         return position
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
-        """Return the actuator state at rest: `position` (rad), with scheduled surfaces as in `scheduled_position`."""
+        """Return the actuator state of surfaces at rest at the positions of `scheduled_position` (rad)."""
         return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
@@ -65,7 +65,7 @@ class AbstractActuators(eqx.Module):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the elements of the actuator state in the order of the pytree's leaves; by default the surfaces."""
+        """Names of the elements of the actuator state in the order of the pytree's leaves; by default `names`."""
         return self.names
 
     def limit_command(self, command: Vector) -> Vector:
@@ -77,11 +77,14 @@ class AbstractActuators(eqx.Module):
         return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Return the command (rad, within the stops) for a `rate` (rad/s) at `position` (rad), by a first-order lag."""
+        """Return the command (rad, within the stops) that moves a surface with first-order lag at `rate` (rad/s).
+
+        `position` is the present deflection (rad).
+        """
         return self.limit_command(position + self.time_constant * rate)
 
     def travel_per_rate(self, step: ScalarLike) -> Vector:
-        """Return the travel (rad) of first-order actuators within `step` (s) per commanded rate (rad/s)."""
+        """Return the travel within `step` (s) after `command_for_rate(position, rate)`, divided by `rate`; in s."""
         return self.time_constant * (1 - jnp.exp(-step / self.time_constant))
 
 
@@ -120,7 +123,7 @@ class MovingDeflections(eqx.Module):
 class SecondOrderActuators(AbstractActuators):
     """Actuators with second-order dynamics, rate limit and hard stops.
 
-    Within an integration step a surface may pass its stop by less than its travel in the step.
+    During an integration step a surface may overshoot a stop, but by less than the travel in the step.
     """
 
     frequency: Vector  #: Natural frequency, rad/s.
@@ -150,10 +153,10 @@ class SecondOrderActuators(AbstractActuators):
         return MovingDeflections(position, jnp.zeros_like(position))
 
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
-        """Return the rates of position x and velocity v: x' = v within the rate limit, rad/s, and v', rad/s^2.
+        """Return the derivatives x' (rad/s) and v' (rad/s^2) of the positions x and the velocities v.
 
-        v' = w^2 (limited command - x) - 2 z w v, with natural frequency w and damping ratio z. The speed does not grow
-        at the rate limit. At a stop, x does not move outwards, and an outward velocity decays.
+        x' is v within the rate limit. v' is w^2 (limited command - x) - 2 z w v, with natural frequency w and damping
+        ratio z, but at the rate limit the speed does not grow. At a stop x' is not outward, and an outward v decays.
         """
         w = self.frequency
         free_acceleration = (
@@ -211,7 +214,7 @@ class InstantActuators(AbstractActuators):
         return Deflections(self.limit_command(command).astype(state.position.dtype))
 
     def travel_per_rate(self, step: ScalarLike) -> Vector:
-        """Return the travel (rad) within a step per commanded rate (rad/s): the sampling period, s."""
+        """Return the travel after `command_for_rate(position, rate)`, divided by `rate`: the sampling period, s."""
         return self.time_constant
 
     def with_bandwidth_scaled(self, factor: Scalar) -> Self:

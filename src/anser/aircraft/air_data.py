@@ -1,7 +1,4 @@
-"""Quantities exchanged between the parts of an aircraft.
-
-Air data, force and moment, disturbance by gusts and thrust loss, and the valid range of a model's data.
-"""
+"""Quantities that the parts of an aircraft exchange: air data, force and moment, disturbances, and valid ranges."""
 
 import math
 

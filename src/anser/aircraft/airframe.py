@@ -78,7 +78,7 @@ class AbstractAirframe(eqx.Module):
 
     mass_properties: eqx.AbstractVar[MassProperties]  #: Mass, inertia and angular momentum of the engine.
     actuators: eqx.AbstractVar[AbstractActuators]  #: Dynamics, limits and names of the control surfaces.
-    #: Thrust, lag from throttle to power, and the inverse functions for controllers.
+    #: Thrust, lag from throttle to power, and functions with which controllers find the throttle.
     engine: eqx.AbstractVar[AbstractEngine]
     #: Valid range (minimum, maximum) of angle of attack and of sideslip, rad.
     alpha_range: eqx.AbstractVar[tuple[Scalar, Scalar]]

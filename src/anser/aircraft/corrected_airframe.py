@@ -19,20 +19,20 @@ STATE_REGRESSORS = 4
 
 
 class ReferenceLengths(eqx.Module):
-    """Reference lengths (m) and area (m^2) with which the aerodynamic coefficients are dimensionless."""
+    """Reference lengths (m) and area (m^2) that make the aerodynamic coefficients dimensionless."""
 
     span: Scalar
     mean_chord: Scalar
     wing_area: Scalar
 
     def wrench(self, qbar: Scalar, coefficients: Float[Array, "6"]) -> Wrench:
-        """Return force (N) and moment (N m), body axes, of CX, CY, CZ, Cl, Cm, Cn at a dynamic pressure (Pa)."""
+        """Convert CX, CY, CZ, Cl, Cm, Cn at a dynamic pressure (Pa) to a force (N) and a moment (N m), body axes."""
         scale = qbar * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         return Wrench(scale * coefficients[:3], scale * lengths * coefficients[3:])
 
     def coefficients(self, qbar: Scalar, wrench: Wrench) -> Float[Array, "6"]:
-        """Return CX, CY, CZ, Cl, Cm, Cn of a force (N) and a moment (N m), body axes, at a dynamic pressure (Pa).
+        """Convert a force (N) and a moment (N m), body axes, at a dynamic pressure (Pa) to CX, CY, CZ, Cl, Cm, Cn.
 
         A dynamic pressure below 1 Pa is raised to 1 Pa.
         """
@@ -59,9 +59,9 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
 def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
     """Return the regressors: the quantities on which the increments of the coefficients depend linearly.
 
-    Shape (2, 4 + surfaces). The first row is for CX, CZ, Cm: (1, alpha, q c/2V, 0, surfaces). The second row is for CY,
-    Cl, Cn: (1, beta, p b/2V, r b/2V, surfaces). Angles are in rad, `rates_b` are relative to the air (rad/s). An
-    airspeed V below 1 m/s is raised to 1 m/s.
+    The result has the shape (2, 4 + surfaces). The first row, for CX, CZ and Cm, is (1, alpha, q c/2V, 0, surfaces).
+    The second row, for CY, Cl and Cn, is (1, beta, p b/2V, r b/2V, surfaces). Angles are in rad; `rates_b` (p, q, r)
+    are relative to the air, rad/s. An airspeed V below 1 m/s is raised to 1 m/s.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     p, r = rates_b[0] * lengths.span / double_V, rates_b[2] * lengths.span / double_V
@@ -76,10 +76,10 @@ def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfa
 
 
 def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the reference, to be subtracted from `regressors`, of flight at `alpha` with deflections `surfaces` (rad).
+    """Return the `regressors` of flight at `alpha` (rad) without sideslip and rates, with 0 in place of the constant 1.
 
-    Sideslip and rates are zero. Shape (2, 4 + surfaces) as in `regressors`; the entry of the constant is 0 instead of
-    1.
+    `surfaces` are the deflections, rad. `CorrectedAirframe` subtracts the result from the regressors of the present
+    flight condition.
     """
     zero = jnp.zeros_like(alpha)
     states = jnp.stack([jnp.stack([zero, alpha, zero, zero]), jnp.zeros(STATE_REGRESSORS)])
@@ -87,12 +87,12 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`."""
+    """Return one row of regressors for each of CX, CY, CZ, Cl, Cm, Cn; `rows` are the two rows of `regressors`."""
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 
 class CorrectedAirframe(AbstractAirframe):
-    """An airframe with linear increments of CX to Cn: `increments` times (`regressors` - `reference`).
+    """An airframe with increments of CX to Cn, each a product of a row of `increments` and `regressors` - `reference`.
 
     Mass, inertia, geometry, actuators and engine are taken from `base`.
     """
@@ -104,7 +104,7 @@ class CorrectedAirframe(AbstractAirframe):
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     lengths: ReferenceLengths
-    reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect: `reference_regressors`.
+    reference: Float[Array, "2 p"]  #: Regressors of a reference flight condition, from `reference_regressors`.
     increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
     #: True: the increments are added to the coefficients of `base`; False: the coefficients are the increments alone.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
@@ -113,7 +113,7 @@ class CorrectedAirframe(AbstractAirframe):
     def symmetric(self) -> bool:
         """Whether the base airframe is symmetric: `AbstractAirframe.symmetric`.
 
-        The increments are disregarded: the autopilot does not bank against an estimated side force.
+        The increments do not count. The autopilot therefore does not bank against a side force due to increments.
         """
         return self.base.symmetric
 

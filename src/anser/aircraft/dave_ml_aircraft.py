@@ -45,13 +45,13 @@ _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def _used_inputs(evaluator: Evaluator, values: Mapping[str, ScalarLike]) -> dict[str, ScalarLike]:
-    """Return the entries of `values` (by variable name) that are inputs of the file."""
+    """Return the entries of `values` (by variable name) that are inputs of the evaluator's DAVE-ML file."""
     input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
     return {name: value for name, value in values.items() if name in input_names}
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
-    """Return the air data that are inputs of the file, by the names of `AIR_INPUTS`, in SI units and rad."""
+    """Return the air data that the evaluator's file has as inputs, by the names in `AIR_INPUTS`, in SI units."""
     return _used_inputs(evaluator, {name: getattr(air_data, key) for name, key in AIR_INPUTS.items()})
 
 
@@ -63,7 +63,7 @@ class DaveMlEngine(AbstractLaggedEngine):
     # valid range of the tables: m and Mach number
     altitude_range: tuple[Scalar, Scalar]
     mach_range: tuple[Scalar, Scalar]
-    # thrust per 100 percent of power outside 0 to 100 percent, N: a slope for trim searches, unused in flight
+    # slope of the thrust outside 0..100 percent of power, N per 100 percent; for trim searches, unused in flight
     extrapolation_thrust: Scalar
     point_b: Vector3  # moment reference point of the file relative to the centre of gravity, m
     thrust_factor: Scalar  # factor on thrust and thrust moment; 1 for the values of the file
@@ -85,7 +85,7 @@ class DaveMlEngine(AbstractLaggedEngine):
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N), by interpolation.
 
-        Where the thrust falls with power, the thrust is taken as constant.
+        Where the thrust falls as the power rises, the search takes the greatest thrust at lower power instead.
         """
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
         thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
@@ -133,7 +133,7 @@ _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.
 
 
 class DaveMlAircraft(AbstractAirframe):
-    """Airframe with the aerodynamics of a DAVE-ML file: body-axis coefficients about a moment reference centre."""
+    """Airframe whose coefficients, in body axes about a moment reference centre, come from a DAVE-ML file."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -147,7 +147,7 @@ class DaveMlAircraft(AbstractAirframe):
     mean_chord: Scalar
     centre_b: Vector3  #: Centre of mass relative to the moment reference centre, body axes, m.
     coefficient_factors: Float[Array, "6"]  #: Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
-    airspeed_min: Scalar  #: Lower limit of the airspeed passed to the file, m/s, because p b/2V is unbounded at rest.
+    airspeed_min: Scalar  #: Least airspeed that the file receives, m/s, because p b/2V is unbounded at rest.
     validity: Validity
     #: Name or varID of the file's input for each surface, in the actuators' order.
     inputs: tuple[str, ...] = eqx.field(static=True)
@@ -242,9 +242,9 @@ def dave_ml_airframe(
         - the number of `inputs` differs from the number of surfaces;
         - the input of a surface is air data, a body rate or the input of another surface;
         - an input of the aerodynamics has no default value and is neither air data, body rate nor surface;
-        - the mass properties are physically impossible.
+        - mass properties that are given as a pair are physically impossible.
     DaveMlError
-        A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
+        In a model, a reference length, mass or inertia is physically impossible, or a surface's input is not an angle.
     """
     _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
     structure = aerodynamics.evaluator.structure

@@ -39,7 +39,8 @@ class DerivativeAircraft(AbstractAirframe):
     #: Derivatives per rad or per dimensionless rate. Rows: `anser.airframe_data.COEFFICIENTS` (CL, CD, CY, Cl, Cm, Cn);
     #: columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the actuators' order.
     derivatives: Float[Array, "6 columns"]
-    #: Induced drag factor 1 / (pi e AR), times the squared lift coefficient due to angle of attack in attached flow.
+    #: Factor 1 / (pi e AR): the induced drag coefficient is this factor times the square of the lift coefficient due to
+    #: angle of attack in attached flow.
     induced_drag: Scalar
     stall_sharpness: Scalar  #: Sharpness M of the stall (`flow_separation`), per rad.
     stall_alpha: Scalar  #: Angle of attack alpha0 of the stall, rad; `NO_STALL` for an aircraft without stall model.
@@ -63,8 +64,8 @@ class DerivativeAircraft(AbstractAirframe):
         """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`); moments are about the reference point.
 
         `rates_b` (rad/s, relative to the air) are made dimensionless with b/2V and c/2V, where V is at least 1 m/s;
-        `surfaces` are in rad. In the stall, with the weight `flow_separation`, the lift of a flat plate replaces the
-        lift due to angle of attack. Source of stall and drag: [BM] section 4.2.
+        `surfaces` are in rad. The lift due to angle of attack is the mean of attached flow and flat plate, weighted by
+        `flow_separation`. Source of stall and drag: [BM] section 4.2.
         """
         alpha, beta = air_data.alpha, air_data.beta
         V = jnp.maximum(air_data.V, 1.0)

@@ -49,8 +49,8 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
 def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: Vector3) -> AnyAirframe:
     """Return a copy of the airframe with dispersed mass, inertia, actuators and thrust; the aerodynamics are unchanged.
 
-    `shift_b` (m, body axes) is the former centre of gravity relative to the new one, and moves the thrust point. The
-    caller must shift the reference point of the aerodynamic moments.
+    `shift_b` (m, body axes) is the former centre of gravity relative to the new one. The function adds `shift_b` to the
+    thrust point; the caller must shift the reference point of the aerodynamic moments.
     """
     changed = eqx.tree_at(
         lambda a: (a.mass_properties, a.actuators, a.engine),

@@ -1,4 +1,4 @@
-"""Engines: interface with thrust, power dynamics and their inverses; first-order lag; no engine; jet with tables."""
+"""Interface of an engine, engines with first-order lag, jet engine with tables, engine without lag, no engine."""
 
 import abc
 from typing import Any, Self
@@ -14,7 +14,7 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 
 class EnginePower(eqx.Module):
-    """State of an engine with a single lag: `power`, the power setting in percent of maximum."""
+    """State of an engine with one state variable: `power`, the power setting in percent of the maximum."""
 
     power: Scalar
 
@@ -23,7 +23,7 @@ class AbstractEngine(eqx.Module):
     """Interface of an engine, propeller included.
 
     The engine's `power` is a setting in percent of the maximum, not watts. Each class defines its own engine state;
-    every state has an attribute `power`. A new class can be used in any airframe; for a table in aircraft files,
+    every state has an attribute `power`. A new class can be used in any airframe. For use in aircraft files,
     `anser.aircraft_files` must be extended.
     """
 
@@ -41,7 +41,7 @@ class AbstractEngine(eqx.Module):
         """Return the time derivative of the engine state at a throttle (0..1), as an object of the state's class."""
 
     def before_step(self, state: Any, throttle: ScalarLike) -> Any:
-        """Return the engine state at the start of an integration step at a throttle (0..1); by default `state`."""
+        """Return the state after any change between integration steps at a throttle (0..1); by default `state`."""
         return state
 
     def steady_power(self, throttle: ScalarLike) -> Scalar:

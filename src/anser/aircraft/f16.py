@@ -42,15 +42,15 @@ class F16Engine(AbstractEngine):
         return thrust_along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
-        """Return the commanded power (percent) at a throttle, limited to 0..1 ([SL] TGEAR)."""
+        """Return the commanded power (percent) at a throttle, after the throttle is limited to 0..1 ([SL] TGEAR)."""
         t = jnp.clip(throttle, 0.0, 1.0)
         return jnp.where(t <= 0.77, 64.94 * t, 217.38 * t - 117.38)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
         """Return the throttle (0..1) for a commanded power (percent): the inverse of `gearing`.
 
-        The published gearing falls by 0.0012 percent at throttle 0.77. Powers in this gap are assigned to the upper
-        branch.
+        At throttle 0.77 the published gearing falls by 0.0012 percent of power. For powers that two throttles command,
+        the result is the lower throttle.
         """
         power = jnp.clip(power, 0.0, 100.0)
         return jnp.where(power <= 64.94 * 0.77, power / 64.94, (power + 117.38) / 217.38)
@@ -172,9 +172,9 @@ class F16(AbstractF16):
     last degree.
     """
 
-    surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
-    side_force: Vector3  #: CY per deg of sideslip, CY at the aileron's and CY at the rudder's reference deflection.
-    normal_force_elevator: Scalar  #: CZ at the reference deflection of the elevator.
+    surface_reference: Vector3  #: Deflections (elevator, aileron, rudder; deg) at which the surface effects are given.
+    side_force: Vector3  #: CY per deg of sideslip; CY due to the aileron's and the rudder's reference deflection.
+    normal_force_elevator: Scalar  #: CZ due to the elevator's reference deflection.
     tables: Tables  #: Tables over alpha, beta and elevator, deg; the groups of functions are `TABLE_COEFFICIENTS`.
 
     @property
@@ -243,7 +243,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     Raises
     ------
     ValueError
-        The variant is unknown, or a table entry that the variant replaces differs from the value stated by the variant.
+        The variant is unknown, or the changes of the variant do not fit the tables (see `variant_tables`).
     """
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
@@ -307,7 +307,7 @@ def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarra
 
 
 def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
-    """Return a table on beta = -30, -25, ..., 30 deg, from a half table (`_ODD_IN_SIDESLIP`) or a coarse table."""
+    """Return a table over beta = -30, -25, ..., 30 deg: mirrored if in `_ODD_IN_SIDESLIP`, otherwise interpolated."""
     if name in _ODD_IN_SIDESLIP:
         return np.concatenate([-table[:, :0:-1], table], axis=1)
     fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))

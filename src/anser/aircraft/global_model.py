@@ -1,4 +1,4 @@
-"""The global aerodynamic model of Grauer and Morelli (polynomials over the envelope), and the F-16 with the model.
+"""Global aerodynamic model of Grauer and Morelli (polynomials over the envelope), and an F-16 that uses this model.
 
 Source: [GM15] J. A. Grauer, E. A. Morelli, A Generic Global Aerodynamic Model for Aircraft, Journal of Aircraft 52(1),
 2015 (NTRS 20140011902).
@@ -48,7 +48,7 @@ _ARGUMENTS = ("alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder")
 def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array, "... _"]]:
     """Compute the values of the terms of each coefficient, in the order of `GLOBAL_TERMS` along the last axis.
 
-    `arguments` (NumPy or JAX) has along the last axis alpha and beta (rad), p b/2V, q c/2V, r b/2V, and the deflections
+    The last axis of `arguments` (NumPy or JAX) holds alpha and beta (rad), p b/2V, q c/2V, r b/2V, and the deflections
     of elevator, aileron and rudder (rad).
     """
     xp = namespace(arguments)
@@ -114,12 +114,14 @@ class F16Global(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16Global":
-        """Return a copy with each term multiplied by the factor of the `F16_COEFFICIENTS` entry with the same effect.
+        """Return a copy with each term multiplied by the factor on the matching entry of `F16_COEFFICIENTS`.
 
-        - CX0: terms of the drag without q; CXq: terms of the drag with q.
-        - CZ0, CZde, CZq: terms of the lift.
-        - Cm0: terms of Cm without q.
-        - Cl0, Cn0: terms of the sideslip alone.
+        Where the names differ, an entry matches these terms:
+
+        - CX0: drag terms without q; CXq: drag terms with q.
+        - CZ0, CZde, CZq: lift terms.
+        - Cm0: all terms of Cm without q.
+        - Cl0, Cn0: terms that contain only sideslip.
         """
         return eqx.tree_at(lambda a: a.parameters, self, self.parameters * factors[_FACTOR_INDICES])
 

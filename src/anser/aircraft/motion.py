@@ -81,10 +81,10 @@ def air_data_and_forces(
 def modelled_air_data_and_forces(
     airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
 ) -> AirDataAndForces:
-    """Return a copy of `condition` with the air data `data` and the forces of an airframe model in these air data.
+    """Return a copy of `condition` with other air data (`data`) and with the forces of the model `airframe` in `data`.
 
-    Deflections, power and rates are taken from `state`. The model knows neither a loss of thrust nor the rotation of
-    the air in gusts.
+    Deflections, power and rates are taken from `state`. The forces include neither a loss of thrust nor the effect of
+    rotating air in gusts.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(

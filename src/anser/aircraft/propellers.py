@@ -12,7 +12,9 @@ _TINY = 1e-12
 
 
 class ElectricPropeller(AbstractLaggedEngine):
-    """Motor with voltage proportional to power, and a propeller with coefficients quadratic in the advance ratio.
+    """Electric motor, and a propeller with coefficients quadratic in the advance ratio.
+
+    The motor voltage is proportional to the power setting (percent).
 
     Source: R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers:
 
@@ -31,7 +33,7 @@ class ElectricPropeller(AbstractLaggedEngine):
     motor_constant: Scalar  #: Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
     resistance: Scalar  #: Resistance R, ohm.
     no_load_current: Scalar  #: No-load current i0, A.
-    voltage_max: Scalar  #: Motor voltage V_in at full power, V.
+    voltage_max: Scalar  #: Motor voltage V_in at a power setting of 100 percent, V.
     direction: Scalar  #: 1 for a propeller that turns to the right as seen from behind (reaction to the left); else -1.
     lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
@@ -111,9 +113,9 @@ _LEAST_SHARE = 0.01
 class PistonPropeller(AbstractLaggedEngine):
     """Piston engine with a propeller of constant efficiency, limited by the static thrust at low speed.
 
-    - Shaft power at full throttle: P = P0 (1.132 rho / rho0 - 0.132), rho0 at sea level, without supercharger. Source:
-      F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE
-      Transactions 29, 1934.
+    - Shaft power at full throttle without supercharger: P = P0 (1.132 rho / rho0 - 0.132), with the density rho0 at sea
+      level. Source: F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped with gear-driven
+      superchargers*, SAE Transactions 29, 1934.
     - Thrust: eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0. The limits are eta P / V in fast flight, and the static
       thrust T0 at rest at sea level.
     """

@@ -28,7 +28,7 @@ class SimpleBody(AbstractAirframe):
     chord: Scalar  # reference length for pitch, m
     drag_coefficient: Scalar  # CD, drag over qbar S; the drag is opposite to the velocity through the air
     damping: Vector3  # derivatives Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V
-    speed_min: Scalar  # lower limit of the speed in p b/2V, m/s, for finite damping at rest
+    speed_min: Scalar  # lower limit of V in p b/2V, q c/2V, r b/2V, m/s: keeps the damping finite at rest
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the drag (N) and the damping moments (N m), body axes. Source: [NESC] cases 1 to 10.

@@ -19,7 +19,7 @@ _LINE_POINTS, _LINE_AROUND = 5, 3  # minimum size of a table with one axis; poin
 
 
 class GriddedTable(NamedTuple):
-    """A table: strictly rising breakpoints of each axis, and values with a dimension for each axis."""
+    """A table: strictly rising breakpoints for each axis, and an array of values with one dimension for each axis."""
 
     axes: tuple[np.ndarray, ...]
     values: np.ndarray
@@ -31,8 +31,8 @@ class SuspectPoint(NamedTuple):
     table: str
     location: tuple[float, ...]  #: Coordinates along the axes.
     value: float  #: NaN for `table` "all".
-    score: float  #: Departure in units of the scatter of the entries around.
-    neighbours: tuple[tuple[float, ...], ...]  #: Entries in the same row whose departures stem from this entry.
+    score: float  #: Departure divided by the scatter of the surrounding entries.
+    neighbours: tuple[tuple[float, ...], ...]  #: Locations of nearby entries that depart because of this entry.
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
@@ -40,20 +40,20 @@ def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPE
 
     Entries of a table with two or three axes (angle of attack, sideslip, elevator) undergo these tests:
 
-    1. departure from the line through the neighbours along the first axis;
-    2. departure from the line through the neighbours along the second axis;
-    3. departure from the mirror image in the second axis, if that axis is symmetric about 0;
-    4. difference to the neighbours along the third axis, compared along the second.
+    1. departure from the straight line through the two neighbours along the first axis;
+    2. departure from the straight line through the two neighbours along the second axis;
+    3. difference from the mirror image, if the second axis is symmetric about 0;
+    4. departure along the third axis, compared with this departure at the neighbours along the second axis.
 
-    A departure is divided by the noise: the median departure of the surrounding rows (entries with equal first
-    argument), plus 4 % of the standard deviation of the values, plus three last digits. The score is the geometric mean
-    of the three greatest departures, or of two departures if the axes allow two tests only.
+    Each departure is divided by the noise. The noise is the sum of the median departure of the surrounding rows
+    (entries with equal first coordinate), 4 % of the standard deviation of the values, and three units of the last
+    decimal digit. The score is the geometric mean of the three greatest departures, or of two if only two tests apply.
 
-    In a table with one axis, the score is the departure of an entry from the line through its neighbours. The unit is
-    the greatest departure nearby plus the last two terms of the noise.
+    In a table with one axis, the score is the departure from the line through the neighbours. The divisor is the
+    greatest departure nearby, plus 4 % of the standard deviation, plus three units of the last decimal digit.
 
-    A point of the first two axes is suspect in every table ("all") if the median of the departures along the second
-    axis, over five or more tables, exceeds 3. Only the worst point of each row is reported as "all".
+    A point of the first two axes is suspect in all tables (`table` "all") if the median of the departures in test 2,
+    over five or more tables, exceeds 3. Only the worst such point of each row is reported.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _table_suspects(
 
 
 def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
-    """Return the points of the first two axes that are suspect in all tables, at most one point per row."""
+    """Return the points of the first two axes that are suspect in all tables, at most one for each first coordinate."""
     departures_by_location: dict[tuple[float, ...], list[float]] = {}
     for table in tables.values():
         departure = _departure_from_line(table.axes[1], table.values, 1)
@@ -162,9 +162,9 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Return the absolute departures of the entries in the tests of `suspect_points`, over the noise.
+    """Return the absolute departures of the entries in the tests of `suspect_points`, divided by the noise.
 
-    The shape is (test, *table). The departure is 0 at an entry that lacks the neighbours for a test.
+    The shape is (tests, *shape of the table). The departure is 0 at an entry that lacks the neighbours for a test.
     """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
@@ -200,14 +200,17 @@ def _departure_from_mirror(values: np.ndarray) -> np.ndarray:
 
 
 def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit: float) -> np.ndarray:
-    """Return the noise around each row (equal first argument), in the unit of `values`; shape (rows, 1, ...)."""
+    """Return the noise (see `suspect_points`) around each row, in the unit of `values`; shape (rows, 1, ...).
+
+    `spread_share` is the factor on the standard deviation; `digit` is the term for the last decimal digit.
+    """
     windows = [slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1) for k in range(values.shape[0])]
     noise = np.array([_median(np.abs(departure[window])) + spread_share * np.std(values[window]) for window in windows])
     return (noise + digit + 1e-12).reshape((-1,) + (1,) * (values.ndim - 1))
 
 
 def _column_noise(departure: np.ndarray) -> np.ndarray:
-    """Return the noise of each column over the table's noise, at least 1; shape (1, columns, 1, ...)."""
+    """Return the median departure of each column over the table's median, at least 1; shape (1, columns, 1, ...)."""
     column_medians = np.array([_median(np.abs(departure[:, [j, -1 - j]])) for j in range(departure.shape[1])])
     factor = np.maximum(column_medians / (_median(np.abs(departure)) + 1e-12), 1.0)
     return factor.reshape((1, -1) + (1,) * (departure.ndim - 2))

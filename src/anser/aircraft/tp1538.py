@@ -66,7 +66,7 @@ class ScheduledFlapActuators(AbstractActuators):
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """Return the state at rest at `position` (rad); `alpha_lag` is set to fit the flap position at Mach 0."""
+        """Return the state at rest at `position` (rad); `alpha_lag` is the alpha for this flap position at Mach 0."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
@@ -113,10 +113,10 @@ TP1538_FUNCTIONS = (
 class F16TP1538(AbstractF16):
     """F-16 with the complete wind-tunnel tables of NASA TP-1538, over alpha, beta and elevator (deg)."""
 
-    surface_reference: Vector3  #: Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
-    #: Tables over alpha, beta and elevator, deg, constant beyond the ends. The groups of functions are
-    #: `TP1538_FUNCTIONS` and the elevator effectiveness. Increments with the flap at 0 end at 45 deg of alpha: above,
-    #: the flap is fully down, and the increments fall to 0 over one interval of the tables.
+    surface_reference: Vector3  #: Deflections (deg): aileron and rudder of the increments, flap fully down.
+    #: Tables over alpha, beta and elevator (deg), constant beyond the ends: the groups of `TP1538_FUNCTIONS`, then the
+    #: elevator effectiveness. Increments for the flap at 0 are known up to 45 deg of alpha and fall to 0 over the next
+    #: interval, because the flap is fully down at greater alpha.
     tables: Tables
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
@@ -235,7 +235,7 @@ def _tables(data: Mapping[str, Any]) -> Tables:
         return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:
-        """Return the table `name`, interpolated linearly to the elevator deflections `dh1`."""
+        """Return the table `name`, interpolated linearly to all elevator deflections of the report."""
         own_elevators = _elevators_of(name)
         return np.stack(
             [np.stack([np.interp(elevators, own_elevators, r) for r in by_alpha]) for by_alpha in values_by_name[name]]

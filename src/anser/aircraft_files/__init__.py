@@ -1,7 +1,7 @@
 """Aircraft files: their schema, where they come from, the airframes built from them, and checks of their data.
 
-A new kind of engine needs a table in schema_tables (and a field of `Engine`), its construction in build
-(`build_engine`), and the fields `thrust_factor` and `point_b` or a method `dispersed`.
+A new kind of engine needs a table and a field of `Engine` in `schema_tables`, and construction by `build_engine` in
+`build`. The engine class needs the fields `thrust_factor` and `point_b`, or a method `dispersed`.
 """
 
 import lazy_loader

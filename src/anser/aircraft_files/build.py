@@ -150,7 +150,7 @@ _REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
 def file_models(file: DaveMlFile) -> dict[str, Model]:
     """Read the DAVE-ML models of an aircraft file, by part (`DAVE_ML_PARTS`).
 
-    The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files. Raises
+    A part without DAVE-ML file has no entry in the result. The names in [dave_ml.names] are not applied. Raises
     DaveMlError if a model is invalid.
     """
     return {part: _read_cached(text.text, text.file) for part, text in _file_texts(file)}
@@ -169,7 +169,7 @@ def _read_cached(text: str, name: str) -> Model:
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
     """Build the airframe of a validated aircraft file with DAVE-ML models.
 
-    Raises ValueError if a model is unsuitable.
+    Raises ValueError if the models do not make an aircraft; see `dave_ml_airframe`.
     """
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
@@ -250,7 +250,7 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """List unsuitable inputs of surfaces, and model inputs without a value."""
+    """List surface inputs that are unknown, used twice or not angles, and required model inputs without a value."""
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -375,7 +375,7 @@ def _derivatives(file: AirframeFile) -> np.ndarray:
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
-    """Return the distinct axes (argument, breakpoints in deg, is clamped) of all tables, with their indices."""
+    """Number the distinct axes of all tables; the key of an axis is (argument, breakpoints in deg, is clamped)."""
     axis_numbers: dict[tuple[str, tuple[float, ...], bool], int] = {}
     for file_table in file.table:
         for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True):
@@ -427,7 +427,7 @@ _FORCE_KEYS = ("drag", "lift_slope")
 
 
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Return the nominal airframe with a constant deviation applied, as the simulation flies it.
+    """Return the airframe that the simulation flies: `nominal` with a deviation that is constant during the flight.
 
     The factors on coefficients apply to the coefficients of an F-16, to the `derivatives` of a `DerivativeAircraft`, or
     to CX to Cn of a DAVE-ML aircraft. Raises TypeError for an airframe of another class, and for an engine that cannot

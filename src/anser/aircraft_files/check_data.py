@@ -44,7 +44,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 class CheckedValue:
     """Comparison of one number of a file's check data (`expected`) with the computed number (`obtained`)."""
 
-    location: str  #: Key, such as ``check.forces[0].force_N[2]``; for check shots, an optional prefix and the varID.
+    location: str  #: Key, such as ``check.forces[0].force_N[2]``; for check shots see `compare_shots`.
     name: str  #: Name of the check.
     unit: str  #: Unit of all numbers, `tolerance` included.
     expected: float
@@ -72,10 +72,10 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
-    """Compare the check shots of a DAVE-ML model with computed values; locations are `prefix` and the varID.
+    """Compare the check shots of a DAVE-ML model with computed values.
 
-    Raises ScenarioError if a shot sets a variable that is not an input, or omits an input without default. `source` is
-    the name of the file in the message.
+    The `location` of a result is `prefix` + varID. Raises ScenarioError if a shot sets a variable that is not an input,
+    or omits an input without default. `source` is the name of the file in the message.
     """
     try:
         results = model.check()
@@ -235,7 +235,7 @@ def _body_findings(model: Model) -> Iterator[Finding]:
 
 
 def _first_inputs(model: Model) -> dict[str, float]:
-    """Return the inputs of the first check shot by varID, in the file's units; inputs in other units are left out."""
+    """Return the inputs of the first check shot by varID, without inputs in units other than the variable's."""
     shots, variables = model.definition.shots, model.definition.variables
     signals = shots[0].inputs if shots else ()
     return {

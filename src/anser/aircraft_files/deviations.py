@@ -118,7 +118,7 @@ class Deviation(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_moment_factors(cls, values: object) -> object:
-        """Drop factors of 1 on moments of inertia (earlier versions); raise ScenarioError for other factors."""
+        """Remove factors of 1 on moments of inertia (keys of older files); raise ScenarioError for other factors."""
         if not isinstance(values, dict):
             return values
         problems = [

@@ -32,7 +32,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class Finding:
-    """Probable error in a file: key or line, and a text with value, reason and expected value."""
+    """Probable error in a file: `location` is the key or the line; `text` has value, reason and expected value."""
 
     location: str
     text: str
@@ -47,7 +47,7 @@ _AXIS_ORDER = ("alpha", "beta")
 
 
 def table_findings(file: AirframeFile) -> Iterator[Finding]:
-    """Yield findings for the coefficient tables of a file: suspect points, gaps, and axes that are too short."""
+    """Yield findings for a file's coefficient tables: suspect points, gaps in axes, axes that are too short."""
     tables = {f"table[{k}]": table for k, table in enumerate(file.table)}
     for point in suspect_points({table_key: _sorted_coefficient_table(table) for table_key, table in tables.items()}):
         if point.table not in tables:
@@ -264,7 +264,7 @@ _EXPECTED_SIGNS = (
 
 
 def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
-    """Yield findings for derivatives of unusual sign or of 0, no positive drag, and no roll or pitch control."""
+    """Yield findings for derivatives of unusual sign or of 0, drag of 0 or less, and missing roll or pitch control."""
     for name, sign, meaning in _EXPECTED_SIGNS:
         location, value = _derivative_key(file, name), slopes[name]
         if value * sign < 0.0:

@@ -123,7 +123,10 @@ def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
 def airframe_of_table(
     kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
-    """Load the airframe of a scenario's [[aircraft]] table, from `file`; None: by the type `kind`."""
+    """Build the airframe of a scenario's [[aircraft]] table from the aircraft file `file`.
+
+    If `file` is None, load the airframe type `kind`; the other arguments are explained in `load_airframe`.
+    """
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
 
 

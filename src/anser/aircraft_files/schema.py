@@ -55,7 +55,7 @@ class AnyAirframeFile(Table):
 
 
 def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
-    """List problems of check data: deflections of surfaces that the aircraft does not have."""
+    """List the deflections in check data whose surface is not among the aircraft's `surfaces`."""
     problems = []
     expected = f"names of surfaces of this file ({', '.join(surfaces)})"
     for kind, checks in (("forces", check.forces), ("trim", check.trim)):
@@ -146,7 +146,7 @@ class AirframeFile(AnyAirframeFile):
         return problems
 
     def _overridden_derivatives(self, k: int, table: CoefficientTable, index: tuple[int, int]) -> list[Problem]:
-        """List nonzero derivatives of the file that have no effect because table number `k` replaces them."""
+        """List nonzero derivatives of the file that table number `k` replaces; `index` is from `coefficient_index`."""
         coefficient, argument_count = COEFFICIENTS[index[0]], len(DERIVATIVE_ARGUMENTS)
         expected = f"nothing, or 0: table[{k}] of {table.replaces} takes its place"
         columns = list(replaced_columns(table, index))
@@ -174,7 +174,7 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 
 
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
-    """Return the columns of the derivatives that a table replaces; `index` is row and column of its coefficient.
+    """Return the columns of the derivatives that a table replaces; `index` is from `coefficient_index`.
 
     A table of a whole coefficient replaces the constant, and the derivatives by alpha and beta if these angles are
     arguments of the table. Columns of surfaces are not included.

@@ -178,7 +178,7 @@ ByName = Annotated[dict[str, float], Field(strict=False)]
 
 
 def by_name(description: str, expected: str) -> Any:
-    """Return a field for a table of values by name, empty by default."""
+    """Return a field for a table of values by name, empty by default; `expected` completes the message for an error."""
     return Field(default_factory=dict, description=description, json_schema_extra=expects(expected))
 
 
@@ -210,7 +210,7 @@ class ForceCheck(Table):
     tolerance: float = positive("largest permitted difference, N and N m", 1e6, "")
 
     def consistency_problems(self) -> list[Problem]:
-        """List a check without reference values, and replacement values for unknown derivatives."""
+        """Return the problems of the check: no reference value is given, or `instead` names an unknown derivative."""
         problems = []
         if all(v is None for v in (self.force_N, self.moment_Nm, self.thrust_N, self.torque_Nm)):
             problems.append(Problem("force_N", "nothing", "one or more of force_N, moment_Nm, thrust_N and torque_Nm"))
@@ -235,7 +235,7 @@ class TrimCheck(Table):
     tolerance_throttle: float = positive("largest permitted difference of the throttle", 1, "", 0.01)
 
     def consistency_problems(self) -> list[Problem]:
-        """List a check without reference values."""
+        """Return the problem of the check if no reference value is given."""
         if self.alpha_deg is None and self.throttle is None and not self.surfaces_deg:
             return [Problem("alpha_deg", "nothing", "one or more of alpha_deg, throttle and surfaces_deg")]
         return []
@@ -491,7 +491,7 @@ class Engine(Table):
         return next(name for name in type(self).model_fields if getattr(self, name) is not None)
 
     def consistency_problems(self) -> list[Problem]:
-        """List the problem of a table [engine] that does not have exactly one kind of engine."""
+        """Return the problem of the table [engine] if not exactly one kind of engine is given."""
         kinds = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(kinds) == 1:
             return []

@@ -1,6 +1,7 @@
-"""Names of all aircraft, reading of aircraft files, data ranges of aircraft, and the starter file, without JAX.
+"""Names of all aircraft, reading of aircraft files, data ranges of aircraft, and the starter file.
 
-Aircraft come from the library, from aircraft files and from entry points of other packages.
+Aircraft come from the library, from aircraft files and from entry points of other packages. The import of this module
+does not import JAX.
 """
 
 import copy
@@ -69,7 +70,7 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return a problem, with advice if its key is an unsupported derivative such as `Cm_alphadot`."""
+    """Return `problem`, extended by advice if the key is an unsupported derivative such as `Cm_alphadot`."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -159,7 +160,7 @@ def library_file(name: str) -> AirframeFile | DaveMlFile:
 
 @functools.cache
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of installed packages for airframes, by name, except for names of library airframes."""
+    """Return the entry points for airframes in installed packages, by name, without names of library airframes."""
     points = importlib.metadata.entry_points(group=ENTRY_POINTS)
     return {point.name: point for point in sorted(points, key=lambda point: point.name) if point.name not in AIRFRAMES}
 
@@ -206,7 +207,7 @@ class AirframeRange:
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None, variant: str = "textbook") -> AirframeRange:
-    """Return the data ranges of an airframe, from `file`; if `file` is None, of the airframe type `kind`.
+    """Return the data ranges of the airframe in `file`; if `file` is None, of the airframe type `kind`.
 
     For "f16" the range of alpha depends on `variant`. If the type has no file and is not "f16", the ranges are None.
     """

@@ -137,8 +137,8 @@ def _coefficients(
 ) -> Float[Array, "angle 6"]:
     """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad) for zero body rates and neutral surfaces.
 
-    If the airframe lacks one of its `_sizes`, forces (N) and moments (N m) are divided by the dynamic pressure (Pa)
-    only.
+    If the airframe lacks one of its `_sizes`, the results have units: forces (N) and moments (N m), each divided by the
+    dynamic pressure (Pa).
     """
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
@@ -171,9 +171,10 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Entry in the list of airframes; `airspeed_m_s` is the range in which the data are valid.
+    """Entry in the list of airframes: `origin` is "library", "library, file" or "entry point ...".
 
-    If an entry point could not be loaded, `problem` is the reason, and only `name` and `origin` are set.
+    The data are valid in the range `airspeed_m_s`. If an entry point could not be loaded, `problem` is the reason, and
+    only `name` and `origin` are set.
     """
 
     name: str
@@ -205,7 +206,7 @@ def _library_entry(name: str, origin: str) -> AirframeEntry:
 
 
 def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
-    """Return the content of the aircraft file with a library name or path; None for an airframe defined in code."""
+    """Return the content of an aircraft file, given by library name or path; None for an airframe defined in code."""
     if is_aircraft_path(name):
         return read_airframe(name)
     return library_file(name) if name in LIBRARY_FILES else None
@@ -257,7 +258,7 @@ def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
 
 
 def check_dave_ml(path: str) -> ModelCheck:
-    """Check a DAVE-ML file: comparison with the check data, suspicious data, lists of inputs and outputs.
+    """Check a DAVE-ML file: compare the model with the check data, find probable errors, list inputs and outputs.
 
     Raises ScenarioError if the file is not a DAVE-ML file.
     """

@@ -1,4 +1,4 @@
-"""Deep stall of the F-16: pitch trims with fixed surfaces over the centre of gravity, and steady descents there."""
+"""Deep stall of the F-16: pitch trims with fixed surfaces over the centre of gravity, and descents in these trims."""
 
 from collections.abc import Sequence
 from typing import Any, cast
@@ -71,16 +71,16 @@ def follow_pitch_trim(
     airframe: AbstractF16,
     mach: ScalarLike,
     elevator: ScalarLike,
-    # point near the first trim; the correction keeps `x_cg`
+    # start point: `alpha` (rad) is corrected to a trim at this `x_cg` (fraction of the mean chord)
     alpha: ScalarLike,
     x_cg: ScalarLike,
     step: ScalarLike,  # length of a step, rad; positive: alpha grows at first
     count: int,  # number of points
 ) -> PitchBranch:
-    """Return `count` points on the curve Cm(alpha, x_cg) = 0 through a start point, also around folds of the curve.
+    """Follow the curve Cm(alpha, x_cg) = 0 from a start point, also beyond its folds; return `count` points.
 
-    At a fold, x_cg has an extremum along the curve. Method: pseudo-arclength continuation (H. B. Keller, "Numerical
-    solution of bifurcation and nonlinear eigenvalue problems", 1977).
+    A fold is a point at which x_cg has an extremum along the curve. Method: pseudo-arclength continuation (H. B.
+    Keller, "Numerical solution of bifurcation and nonlinear eigenvalue problems", 1977).
     """
 
     def Cm(point: Float[Array, "2"]) -> Scalar:
@@ -187,9 +187,9 @@ def deep_stall(
 ) -> xr.Dataset:
     """Compute the deep stalls of the F-16: pitch trims (Cm = 0) at high alpha with a fixed elevator.
 
-    Sideslip and body rates are 0; the flap follows its schedule. The trims form a curve of alpha over centre of gravity
-    through the stable trim at the rearmost of `x_cg_over_c`. The fold of the curve, where the stable and the unstable
-    trim merge, is the foremost centre of gravity with a deep stall.
+    Sideslip and body rates are 0; the flap follows its schedule. The trims form a curve of alpha over centre of
+    gravity, which is followed from the stable trim at the rearmost of `x_cg_over_c`. At the fold of the curve, a stable
+    and an unstable trim merge: the foremost centre of gravity with a deep stall.
 
     Raises ValueError if the deflection is beyond the stops, the data do not contain `alpha_from_deg`, or `x_cg_over_c`
     is empty.
@@ -201,9 +201,9 @@ def deep_stall(
     x_cg_over_c
         Centres of gravity, fractions of the mean chord.
     elevator_deg
-        Fixed deflection; None: fully nose-down.
+        Fixed deflection of the elevator; None: fully nose-down.
     alpha_from_deg
-        Least angle of attack of the search.
+        Least angle of attack at which trims are searched.
     mach
         Mach number for the flap's schedule.
     altitude_m
@@ -346,7 +346,8 @@ def _branch(
 ) -> PitchBranch:
     """Return the curve of trims through the stable trim with the greatest alpha; one NaN point if no trim is stable.
 
-    `case`: airframe, Mach number, elevator (rad); `trims`: x_cg, alpha (deg), True if stable.
+    `case`: airframe, Mach number, elevator (rad); `trims`: x_cg, alpha (deg), True if stable. The curve ends before it
+    leaves `alpha_range_deg` or exceeds `x_cg_max`.
     """
     stable = [trim for trim in trims if trim[2]]
     if not stable:

@@ -40,31 +40,31 @@ GRID_DIMENSIONS = ("condition", "altitude", "mach")
 
 
 class TrimMap(NamedTuple):
-    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude (m) and Mach number."""
+    """Trims of all steady flights in `CONDITIONS` (level, climb, ...) over a grid of altitudes (m) and Mach numbers."""
 
     # axes of the grid: altitude in m, and Mach number
     altitudes: np.ndarray
     machs: np.ndarray
     airspeeds: np.ndarray  # true airspeed, m/s, shape (altitude, mach)
-    # trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest
+    # trim target and trim of every point; leaves of shape (points, ...), in the order (condition, altitude, mach)
     targets: TrimTarget
     points: TrimMapPoint
     is_commanded: tuple[bool, ...]  # whether each surface is commanded; False: on a schedule
 
     def gridded(self, values: Any) -> np.ndarray:
-        """Return values of shape (points, ...) with the shape (condition, altitude, mach, ...) of the grid."""
+        """Reshape values from (points, ...) to the axes of the grid, (condition, altitude, mach, ...)."""
         array = np.asarray(values)
         return array.reshape(len(CONDITIONS), *self.airspeeds.shape, *array.shape[1:])
 
     def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
         """Return values of shape (points, ...) as a dataset variable over the grid, with `unit` and `long_name`.
 
-        `dimensions` names the axes of the values after the first.
+        `dimensions` are the names of the axes that follow the axis of the points.
         """
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return a dataset variable: whether each trim is flyable with a tenth (`RESERVE_MIN`) of all controls left."""
+        """Return a dataset variable: True if a flyable trim leaves a tenth (`RESERVE_MIN`) of power and travel."""
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
         reserve = np.minimum(power_reserve, np.asarray(points.surface_margin)[:, list(self.is_commanded)].min(axis=1))
@@ -138,9 +138,9 @@ def trim_map(
 ) -> TrimMap:
     """Return the trims of all steady flights in `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
 
-    An axis that is None has the values of `default_axes`, fewer if `coarse`. Raises ValueError if an axis does not
-    consist of finite, increasing numbers, if a Mach number is negative, if no point of the grid is trimmable, or as
-    `default_axes` does.
+    If `altitudes_m` or `machs` is None, the axis is from `default_axes`, with fewer values if `coarse`. Raises
+    ValueError if an axis does not consist of finite, increasing numbers, if a Mach number is negative, if no point of
+    the grid is trimmable, or if the aircraft's data contain no default altitude.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment
@@ -203,10 +203,10 @@ def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.nda
 def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
     """Return the autopilot limits of the surveys, wide enough not to interfere with the commands.
 
-    - F-16, or `airframe` None: 40 to 340 m/s, 78 deg of bank, alpha from -5 to 25 deg (F-16: within its data), -2 to 7
-      g
-    - Another airframe: half the least to twice the greatest of `airspeeds` (m/s), alpha within its data, bank and load
-      factor as for the F-16
+    The greatest bank is 78 deg; the load factor is from -2 to 7.
+
+    - F-16, or `airframe` None: airspeed 40 to 340 m/s, alpha -5 to 25 deg (of an F-16, within its data as well)
+    - Another airframe: airspeed from half the least to twice the greatest of `airspeeds` (m/s), alpha within its data
     """
     limits = FlightLimits(
         speed_min=jnp.asarray(40.0),
@@ -253,7 +253,7 @@ def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray
 class EnvelopeSurvey(SurveyResult):
     """Result of `survey_envelope`: dataset with trims over (condition, altitude, mach) and flights from the trims.
 
-    Variables of the flights also have the axis (command). Missing numbers are NaN, missing codes 0.
+    Variables of the flights also have the axis (command). Without a flight, their numbers are NaN and their codes 0.
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
@@ -318,7 +318,7 @@ def survey_envelope(
     aircraft, variant
         Name of an airframe, path of an aircraft file, or an airframe; variant of the F-16.
     inversion
-        Inversion of the autopilot: of the onboard model, or incremental.
+        "model": dynamic inversion of the onboard model; "incremental": inversion from measured accelerations.
     coarse
         Coarse grid; for the F-16 3 x 5 instead of 16 x 18 points.
     altitudes_m, machs

@@ -87,12 +87,12 @@ def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
 def linear_dataset(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> xr.Dataset:
-    """Return a linear model and its modes (`modes_of`) as a labelled dataset; `attributes`: aircraft and condition.
+    """Return a linear model and its modes (`modes_of`) as a labelled dataset; `attributes` name aircraft and condition.
 
     - matrices A (state_rate, state), B (state_rate, input), C (output, state), D (output, input)
     - states, their rates, inputs and outputs at the reference condition
-    - figures such as the damping ratio over (mode), infinite times as inf; participation factors over (mode,
-      wind_state), see `wind_axis_states`
+    - figures of the modes, such as the damping ratio, over (mode); an infinite time is inf
+    - participation of the states of `wind_axis_states` in the modes, over (mode, wind_state)
 
     The coordinates `state_unit`, `input_unit` and `output_unit` are the units of the signals. An element of a matrix
     has the unit of the row divided by the unit of the column; rows of A and B are per second in continuous time.
@@ -354,7 +354,7 @@ def linearize(
 
 
 def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Raise ConditionError, with the cause, if the closed loop leaves the trim point at once."""
+    """Raise ConditionError, with the cause, if the closed loop does not stay at the trim point in its first step."""
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:
         raise ConditionError(

@@ -112,7 +112,7 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
     """Return whether Euler angles, course and flow angles are well defined at a state.
 
-    The result is False if the airspeed is zero, or within 1 deg of a vertical nose or path or of 90 deg of sideslip.
+    The result is False at zero airspeed, and within 1 deg of a vertical nose, a vertical path or 90 deg of sideslip.
     """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     V, _, beta = flow_angles(velocity_air_b)
@@ -167,8 +167,8 @@ def linearize(
 ) -> LinearModel:
     """Linearize the six-degree-of-freedom motion over a flat Earth about any condition, in continuous time.
 
-    The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is one-sided (table: the cell
-    above the breakpoint); at a stop of the throttle or of an actuator, the derivative is the mean of both sides.
+    The derivatives are exact. At a grid point of a table, the derivative is taken in the cell above; at a kink of the
+    engine's lag, on one side; at a stop of the throttle or of an actuator, it is the mean of both sides.
 
     Raises TypeError if the Earth is not flat.
 
@@ -274,7 +274,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     - Inputs c: commands to the three channels of the loop, constant over a step. The throttle stays at trim unless
       `loop` is "velocity".
 
-    If a command, a surface or the throttle is at a limit, the loop is open, and so is the model. The sensor bandwidth
+    If a command, a surface or the throttle is at a limit, the loop of the model is open there. The sensor bandwidth
     must be a number that JAX does not trace. Raises TypeError if the Earth is not flat.
     """
     require_flat_earth(case.environment)
@@ -343,10 +343,10 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """Linearize one sampling step of the motion about a trim point.
+    """Linearize one sampling step of the aircraft's motion about a trim point.
 
-    The function maps (state, surfaces, throttle), the last two at the values `controls` (rad, 0 to 1), to (next state,
-    `AIR_OUTPUTS` before the step). A state has the elements of `all_states`.
+    The step maps (state, surfaces, throttle) to (next state, `AIR_OUTPUTS` before the step). A state has the elements
+    of `all_states`; `controls` are the surfaces (rad) and the throttle (0 to 1) about which the step is linearized.
     """
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))

@@ -1,6 +1,6 @@
-"""Stability margins of sampled loops: gain, phase, delay and disk margins at breakpoints of the autopilot.
+"""Stability margins of sampled loops: gain, phase, delay and disk margins at signals of the autopilot.
 
-At a breakpoint the test input w is added to the signal z, u = z + w. The closed-loop response z = T_zw w gives
+A breakpoint is a signal z at which a loop is broken: a test input w is added, u = z + w. The response z = T_zw w gives
 
 - the loop transfer function of negative feedback L = -T_zw / (1 + T_zw),
 - the sensitivity S = 1 / (1 + L) = 1 + T_zw,
@@ -65,13 +65,13 @@ class ExcitedLoop(eqx.Module):
     At each breakpoint the autopilot computes z, and u = z + w is passed on.
     """
 
-    # matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
-    # diagonal of D is 0
+    # matrices; w and z in the order of `breakpoints`. The diagonal of D is 0: a test input acts on the signal z of its
+    # own breakpoint only from the next sample on
     A: Float[Array, "state state"]
     B: Float[Array, "state breakpoint"]
     C: Float[Array, "breakpoint state"]
     D: Float[Array, "breakpoint breakpoint"]
-    # for each of `SATURABLE_COMMANDS`, whether the command is at a limit and the autopilot does not hold the trim
+    # for each of `SATURABLE_COMMANDS`, whether the command is at a limit; the autopilot then does not hold the trim
     limited: Bool[Array, "5"]
 
 
@@ -167,16 +167,16 @@ class Margins(eqx.Module):
     # factors of gain increase and decrease up to the boundary of stability; inf and 0 if no boundary was found
     gain_up: Scalar
     gain_down: Scalar
-    # bounds of the searched factors: beyond the bounds, a boundary would lie below the lowest frequency. inf and 0 if
-    # the response at the lowest frequency excludes such a boundary
+    # greatest and least gain factor of the search: a boundary beyond would have a frequency below the lowest frequency.
+    # inf and 0 if the response at the lowest frequency excludes such a boundary
     gain_up_searched: Scalar
     gain_down_searched: Scalar
     phase: Scalar  # least phase margin over the gain crossovers, in either direction, rad; inf: no crossover
-    # least destabilizing delay, s: minimum over the gain crossovers of remaining phase lag / frequency. Exact for whole
-    # sampling periods
+    # least delay that makes the loop unstable, s: the least (phase lag up to -180 deg) / frequency among the gain
+    # crossovers; exact for a whole number of sampling periods
     delay: Scalar
-    # radius alpha of the symmetric disk margin, 0 to 2: simultaneous gain factor from (2 - alpha)/(2 + alpha) to the
-    # reciprocal and phase up to 2 atan(alpha/2)
+    # radius alpha of the symmetric disk margin, 0 to 2: the loop tolerates all complex factors in a disk that reaches
+    # gains from (2 - alpha)/(2 + alpha) to the reciprocal and phases of 2 atan(alpha/2)
     disk: Scalar
     # frequencies of the gain margins and of the phase margin, rad/s; NaN: no margin
     gain_up_at: Scalar
@@ -190,7 +190,7 @@ class LoopAnalysis(eqx.Module):
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]  # for each of `SATURABLE_COMMANDS`, whether the command is at a limit
     margins: Margins  # margins at each of `breakpoints`, leaves of shape (breakpoint,)
-    actuators_disk: Scalar  # disk margin for simultaneous, independent factors at the actuators
+    actuators_disk: Scalar  # disk margin if all actuators have independent complex factors at once
 
 
 class LoopResponse(eqx.Module):
@@ -199,7 +199,7 @@ class LoopResponse(eqx.Module):
     omega: Float[Array, " frequency"]  # rad/s
     open: Complex[Array, "frequency breakpoint"]  # loop transfer function L of negative feedback
     difference: Complex[Array, "frequency breakpoint"]  # S - T, sensitivity minus complementary sensitivity
-    # bound of the structured singular value of S - T with all actuators broken at once
+    # upper bound of the structured singular value of the matrix S - T with all actuators broken at once
     actuators_difference: Float[Array, " frequency"]
 
 
@@ -217,10 +217,10 @@ def analyse_rows(
     rows: tuple[TrimPoint, AutopilotGains | None],
     fields: StateFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
-    """Return margins and frequency responses at each of several trim points (leading axis), in one compiled batch.
+    """Return margins and frequency responses at several trim points (leading axis), in one compiled batch.
 
-    `fixed`: airframe, environment, gains, limits, sampling period (s), onboard model (None: the airframe). Gains in
-    `rows` replace the common gains unless None. `fields`: see `loop_state_fields`.
+    `fixed`: airframe, environment, gains, limits, sampling period (s), onboard model (None: the airframe). `rows`: trim
+    points, and gains of each trim point (None: the gains in `fixed`). `fields`: see `loop_state_fields`.
     """
     airframe, environment, common_gains, limits, step, model = fixed
 
@@ -279,7 +279,7 @@ def margins_of(
 ) -> Margins:
     """Return the margins of a loop from its frequency response.
 
-    `omega` (rad/s) must have equal logarithmic steps and end at the Nyquist frequency or beyond the loop's dynamics.
+    `omega` (rad/s) must rise in equal logarithmic steps, up to the Nyquist frequency or beyond the loop's dynamics.
     `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T; `loop_at` returns L at any
     frequency (rad/s). A resonance narrower than the spacing of the frequencies can be missed.
     """
@@ -367,7 +367,7 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice that selects the actuators on an axis over all breakpoints, of length `breakpoints`."""
+    """Return the slice that selects the actuators among all breakpoints; `breakpoints` is the number of all."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
@@ -411,7 +411,7 @@ def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tup
 
 
 def _peak(logs: Float[Array, " frequency"]) -> Scalar:
-    """Return the peak of a function from its logarithms at the samples, by a parabola around the largest of them."""
+    """Return the peak of a function from samples of its logarithm; a parabola finds the peak between the samples."""
     k = jnp.argmax(logs)
     inside = (k > 0) & (k < logs.size - 1)
     previous, largest, following = logs[jnp.maximum(k - 1, 0)], logs[k], logs[jnp.minimum(k + 1, logs.size - 1)]
@@ -422,8 +422,8 @@ def _peak(logs: Float[Array, " frequency"]) -> Scalar:
 def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
     """Return an upper bound of the structured singular value of M, for independent complex factors.
 
-    The bound is the largest singular value of D M D^-1; the diagonal D balances the off-diagonal rows and columns (E.
-    E. Osborne, *J. ACM* 7, 1960).
+    The bound is the largest singular value of D M D^-1. For each k, the diagonal matrix D gives row k and column k
+    about equal norms, without the diagonal (E. E. Osborne, *J. ACM* 7, 1960).
     """
     sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(M.shape[0])) + 1e-300
 

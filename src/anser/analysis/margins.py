@@ -51,7 +51,7 @@ no_trim: no steady flight exists; held_back: a command of the autopilot is at a 
 
 
 def _response_variables(response: LoopResponse) -> dict[str, Any]:
-    """Return gain (dB) and unwrapped phase (deg) of the open loops, dataset variables over (breakpoint, frequency)."""
+    """Return dataset variables over (breakpoint, frequency): gain (dB) and unwrapped phase (deg) of the open loops."""
     loops = np.asarray(response.open)[0].T
     dimensions = ("breakpoint", "frequency")
     phase = np.unwrap(np.angle(loops), axis=1) * RAD_DEG
@@ -66,11 +66,11 @@ def _response_variables(response: LoopResponse) -> dict[str, Any]:
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
-    """Return the statistics of a dataset of `survey_margins` over the stable points, a row per breakpoint.
+    """Return statistics over the stable points of a dataset of `survey_margins`, a dictionary per breakpoint.
 
-    A row has minimum, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margins, and the
-    number `short` of points below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. If `with_reserve` is True, only points with a tenth
-    of power and deflections left count. A statistic is None if it is infinite or no point counts.
+    Each dictionary has minimum, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margins,
+    and `short`, the number of points with a margin below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. If `with_reserve` is True,
+    only points with a reserve (`TrimMap.with_reserve`) count. A statistic is None if infinite or without points.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:
@@ -90,7 +90,7 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
 
 def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> SurveyVariables:
-    """Return margins, poles and flags as dataset variables over all points; missing numbers are NaN, missing flags 0.
+    """Return margins, poles and flags as dataset variables over all points; a point without values has NaN or 0.
 
     `trimmable` marks the points that `analysis` contains; `step_s` is the sampling period.
     """
@@ -236,7 +236,7 @@ def margins_at(
     speed_cas_m_s, speed_eas_m_s, mach
         Calibrated or equivalent airspeed, or Mach number, instead of the true airspeed.
     inversion
-        Inversion of the autopilot: of the onboard model, or incremental.
+        "model": dynamic inversion of the onboard model; "incremental": inversion from measured accelerations.
     step_s
         Sampling period of the autopilot.
     gains

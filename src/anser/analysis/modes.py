@@ -58,8 +58,8 @@ def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
       lateral phugoid (merged roll and spiral), or an actuator mode.
     - Oscillation with over 90 % in the states of short period and phugoid together: third oscillatory mode.
     - Real mode with over 50 % in one state: roll, spiral, engine, altitude, heading, or an actuator mode.
-    - Real mode with over 50 % in one family: "short period (real)" and so on if the family has no oscillation; "speed"
-      if the family has an oscillation and V has over 50 %.
+    - Real mode with over 50 % in one family that has no oscillation: "short period (real)" and so on.
+    - Real mode with over 50 % in V, next to an oscillating phugoid: "speed".
     """
     names = [_pair_name(mode) if mode.is_oscillatory else _lone_name(mode) for mode in modes]
     for family in _FALLING_APART:
@@ -238,7 +238,8 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
 def _continuous(value: complex, step: float, largest: float) -> complex:
     """Return an eigenvalue in continuous time, 1/s; the real part is -inf if the sampled mode vanishes within a step.
 
-    `step` (s) is 0 for a continuous model; `largest` is the greatest modulus of the eigenvalues.
+    `step` (s) is 0 for a continuous model. A sampled mode vanishes if the modulus of its eigenvalue is less than
+    `_ROUNDING` times `largest`, the greatest modulus of all eigenvalues.
     """
     if not step:
         return value
@@ -274,7 +275,7 @@ class InversionPole:
     # pole of the loop with a sampling period of 0.5 ms, and with command filters, actuators and engine inversion 10 to
     # 70 times as fast as published
     limit_pole: complex
-    # greatest |limit_pole - ideal|: |s|^2 T for a pole s, with the sum T of sampling period and 1/bandwidths
+    # accepted |limit_pole - ideal|: |ideal|^2 T, where T adds the sampling period and the lags of `limit_pole`
     tolerance: float
     sampled_pole: complex  # pole of the loop with the flown sampling period and bandwidths
 
@@ -283,8 +284,8 @@ def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     """Return the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
 
     The trim point of `case` must be a straight flight; with fast sampling, the sideslip of a turn drives the engine to
-    a limit. Each ideal pole is matched with the nearest free pole of the loop; channels with equal poles cannot be told
-    apart.
+    a limit. Each ideal pole is matched with the nearest pole of the loop that has no match yet; channels with equal
+    poles cannot be told apart.
     """
 
     def poles(loop_case: LoopCase) -> list[complex]:

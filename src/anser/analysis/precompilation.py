@@ -15,7 +15,7 @@ from anser.scenario.schema import Scenario
 
 
 def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
-    """Compile, or load from the store, the programs of the commands `plan`, `run`, `trim`, `linearize` and `step`.
+    """Compile, or load from disk, the programs of the commands `plan`, `run`, `trim`, `linearize` and `step`.
 
     The programs of `plan` and `run` depend on planner, Earth, aircraft, number of aircraft, keep-outs and wind layers
     of the `scenarios`, but not on numerical values. The remaining programs are for the F-16. `progress` is called with

@@ -48,11 +48,10 @@ class Factor:
     name: str
     meaning: str
     unit: str = "1"
-    # value without a change; effect of a change of 1
-    nominal: float = 1.0
-    scale: float = 1.0
+    nominal: float = 1.0  # value without a change
+    scale: float = 1.0  # increase of the value by a change of 1
     one_way: bool = False  # True if only positive changes are meaningful
-    alone: tuple[float, ...] = _BOTH_WAYS  # changes that are flown with all further factors nominal
+    alone: tuple[float, ...] = _BOTH_WAYS  # changes in the flights that change this factor alone
 
 
 FACTORS = (
@@ -87,7 +86,7 @@ PARTS = ("dispersed", "spread", "alone")
 
 @dataclasses.dataclass(frozen=True)
 class FlightPoint:
-    """Steady level flight from which the command starts: true airspeed (m/s) and geometric altitude (m)."""
+    """Steady level flight from which flights of a study start: true airspeed (m/s) and geometric altitude (m)."""
 
     speed_m_s: float
     altitude_m: float
@@ -109,7 +108,7 @@ Each leaves a tenth of thrust and deflections. Equivalent airspeeds: 114 m/s (al
 class Cases:
     """Flights of a robustness study; every array has one row per flight."""
 
-    part: np.ndarray  # index into `PARTS`
+    part: np.ndarray  # part of the study to which the flight belongs: index into `PARTS`
     condition: np.ndarray  # index of the flight point
     spread: np.ndarray  # greatest change as a fraction; in the part "alone", the single change
     alone: np.ndarray  # index of the single changed factor; -1 if all are changed

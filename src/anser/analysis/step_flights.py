@@ -1,4 +1,4 @@
-"""Flights of step tests from level trim, and the climb-and-turn, the published test of path tracking."""
+"""Flights of step tests from level trim, and flights of the climb-and-turn, a published test of path tracking."""
 
 import dataclasses
 import math
@@ -78,8 +78,8 @@ class StepCase:
     # autopilot: published values for the F-16, derived values for another aircraft
     gains: AutopilotGains
     limits: FlightLimits
-    time_scale: LoopTimeScale  # time scales of the loops relative to the published loops
-    derived_defaults: DerivedDefaults | None  # capability and bandwidths; None for the F-16
+    time_scale: LoopTimeScale  # time constants of the loops relative to the published loops of the F-16
+    derived_defaults: DerivedDefaults | None  # derived limits of performance, bandwidths, gains; None for the F-16
 
 
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
@@ -132,11 +132,11 @@ def derive_autopilot(
     step_s: float,
     environment: Environment | None = None,
 ) -> tuple[AutopilotGains, FlightLimits, DerivedDefaults | None]:
-    """Return gains and limits of the autopilot of an aircraft at a true airspeed and altitude, and derived defaults.
+    """Return gains and limits of an aircraft's autopilot at a true airspeed and altitude, and all derived values.
 
-    An F-16 has the published gains, the default limits within its data, and None as derived defaults; for another
-    aircraft all three are derived. `step_s` is the sampling period of the autopilot; `environment` None: standard
-    atmosphere.
+    An F-16 has the published gains, the default limits within its data, and None in place of derived values. Another
+    aircraft has derived gains and limits. `step_s` is the sampling period of the autopilot; `environment` None:
+    standard atmosphere.
     """
     if isinstance(airframe, AbstractF16):
         return gains_for(inversion), default_limits(airframe.alpha_range), None
@@ -235,7 +235,7 @@ def step_time_scale(
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the sideslip (rad) at which balancing its moments takes the first surface from the trim to a stop."""
+    """Return the change of sideslip (rad) from a trim at which the first surface that balances it reaches a stop."""
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
@@ -280,7 +280,7 @@ def fly_steps(
     speed_m_s, altitude_m
         True airspeed and geometric altitude of the trim point.
     inversion
-        Inversion of the autopilot: of the onboard model, or incremental from the measured accelerations.
+        "model": dynamic inversion of the onboard model; "incremental": inversion from measured accelerations.
     progress
         Called with the name of the loop that is flown next.
     """

@@ -139,8 +139,8 @@ def scaled_step_tests(
 ) -> tuple[StepTest, ...]:
     """Return the published step tests, scaled to an aircraft: each channel of each loop alone, then together.
 
-    Durations are multiplied by the time scales of the loops; steps of the body rates (10 deg/s) are divided by the time
-    scale, for the same angle. `attitude`: steps of mu, alpha, beta (deg); `velocity`: steps of airspeed (m/s), path
+    Durations are multiplied by the time scales of the loops. Steps of the body rates (10 deg/s) are divided by the time
+    scale, which keeps the angle. `attitude`: steps of mu, alpha, beta (deg); `velocity`: steps of airspeed (m/s), path
     angle and course (deg). A channel of size 0 has no test.
     """
     rate = round(10.0 / time_scale.rates, 2)

@@ -75,7 +75,7 @@ class FlightRows(eqx.Module):
 
 
 class Survey:
-    """Survey of one aircraft in the standard atmosphere and still air: runs compiled programs for many rows of inputs.
+    """Survey of one aircraft in the standard atmosphere and still air, by compiled programs for many trims or flights.
 
     Parameters
     ----------
@@ -110,10 +110,9 @@ class Survey:
         description: str,  # current work, for progress reports
         # function of `fixed`, a batch of rows and `options`; returns a tree of arrays with one row per input row
         program: Program[..., _R],
-        # arguments common to the rows; tree of arrays with at least one row; further common arguments
-        fixed: Any,
-        rows: Any,
-        *options: Any,
+        fixed: Any,  # arguments common to all rows
+        rows: Any,  # tree of arrays with a leading axis over the rows, at least one
+        *options: Any,  # further arguments common to all rows
         batch_size: int = BATCH,
         span: tuple[float, float] = (0.0, 1.0),  # completed part of the survey before and after this evaluation
         select: Callable[[_R], Any] = lambda result: result,  # part of the program's result to store
@@ -146,9 +145,9 @@ class Survey:
         count: int,
         span: tuple[float, float] = (0.0, 1.0),
     ) -> "SurveyVariables":
-        """Fly each row for `count` sampling periods `step_s`; return metrics, outcome and reason as dataset variables.
+        """Make `flights` of `count` sampling periods `step_s`; return metrics, outcome, reason as dataset variables.
 
-        The gains of a row, if any, replace `gains`. `description` and `span` are for progress reports: see `evaluate`.
+        Gains in `flights`, if any, replace `gains`. `description` and `span` are for progress reports: see `evaluate`.
         """
         fixed = (self.airframe, self.environment, gains, limits)
         summaries = self.evaluate(description, _fly, fixed, flights, jnp.asarray(step_s), count, span=span)
@@ -240,7 +239,7 @@ def _is_beyond_limits(flights: FlightRows, limits: FlightLimits) -> np.ndarray:
 
 
 def trim_stop(points: TrimMapPoint, long_name: str) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the first obstacle to each steady flight of a trim map, and the attributes of this dataset variable.
+    """Return codes of the first obstacle to each steady flight of a trim map, and attributes with `long_name`.
 
     The codes, shape (points,), are 0 for a flyable point, and 1 + the index in `TRIM_OBSTACLES` for an obstacle.
     """
@@ -290,15 +289,14 @@ def classify_flights(
     """Determine the outcome and the reason of each flight of a batch.
 
     A command is reached if airspeed, path angle and course, stepped or not, end within their tolerances, sideslip stays
-    within `BETA_BOUND` and the aircraft stays inside its data. If not, the reason is the first applicable of:
+    within `BETA_BOUND` and the aircraft stays inside its data. If not, the first case that applies gives the reason:
 
-    1. a start beyond the autopilot's limits;
-    2. alpha or beta beyond the data, the first of the two;
-    3. for excessive sideslip, the inner-loop limit that was active longest before the sideslip;
-    4. altitude or Mach number beyond the data;
-    5. for a missed channel, a limit that affects the channel and was active for over a tenth of the flight or over half
-       of the last tenth; of several limits, the longest active;
-    6. "unexplained".
+    1. The flight starts beyond the autopilot's limits: "start_beyond_limits".
+    2. Alpha or beta leaves the data: the first of the two.
+    3. Sideslip exceeds its bound: the inner-loop limit that was active longest before; "unexplained" if none was.
+    4. Altitude or Mach number leaves the data: the first of the two.
+    5. A channel misses its command: the limit that was active longest, of the limits that affect the channel and were
+       active for over a tenth of the flight or over half of its last tenth; "unexplained" if none was.
     """
     is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN
     has_slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)
@@ -350,7 +348,7 @@ _CHANNEL_FIGURES = (
 
 
 def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the dataset coordinates `surface`, `axis` (body axes), `limit` (of the autopilot), `table` (data axes)."""
+    """Return the dataset coordinates `surface`, `axis` (roll, ...), `limit` of the autopilot, `table` (alpha, ...)."""
     return {
         "surface": ("surface", np.array(surfaces)),
         "axis": ("axis", np.array(("roll", "pitch", "yaw"))),

@@ -49,7 +49,7 @@ def resolve_airframe(
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
     """Return the airframe of a name, file or object, and a description of the airframe for the attributes of datasets.
 
-    The description has `aircraft` (name, path or "custom"), and for the F-16 by name `variant` and any `x_cg_over_c`.
+    The description has `aircraft` (name, path or "custom"), `variant` of the library's F-16, and a given `x_cg_over_c`.
 
     Raises ValueError if `aircraft` or the variant is unknown, if a variant or centre of gravity is given for an
     airframe other than the library's F-16, or if mass properties, wing area or lengths are impossible. Raises
@@ -97,7 +97,7 @@ def require_seconds(name: str, value: Any) -> None:
 
 
 def require_step(step_s: Any) -> None:
-    """Raise ValueError unless the integration step (and autopilot period) is within a scenario's range, s."""
+    """Raise ValueError unless `step_s`, the step of integration and autopilot, is within the range of a scenario."""
     if not isinstance(step_s, int | float | np.number) or not STEP_MIN_S <= step_s <= STEP_MAX_S:
         raise ValueError(
             f"step_s: arrived {step_s!r}; expected a number from {STEP_MIN_S:g} to {STEP_MAX_S:g} s, as in a scenario "
@@ -112,9 +112,9 @@ def require_inversion(inversion: str) -> None:
 
 
 def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Return gains with the sensor bandwidth of the inversion, rad/s: 0 for "model", or the default of a scenario.
+    """Return `gains` (None: published gains of the F-16) with the sensor bandwidth (rad/s) that an inversion requires.
 
-    `gains` None: the published gains of the F-16.
+    The bandwidth is 0 for "model"; for another inversion it is the default of a scenario.
     """
     bandwidth = 0.0 if inversion == "model" else Gains().sensor_bandwidth_rad_s
     base_gains = published_gains() if gains is None else gains
@@ -176,9 +176,9 @@ def dispersed_airframe(airframe: AbstractAirframe, dispersion: F16Dispersion | N
 def map_points(
     fixed: tuple[AbstractAirframe, Environment], rows: tuple[TrimTarget, F16Dispersion | None]
 ) -> TrimMapPoint:
-    """Return the trim points, with margins to limits, of steady flights given as rows, in one compiled batch.
+    """Return the trim points of many steady flights, with margins to limits, in one compiled batch.
 
-    `rows` are trim targets, and deviations of the F-16 (None: the airframe itself).
+    `rows` has the trim target and the deviations of the F-16 for each flight (None: no deviations).
     """
     airframe, environment = fixed
 

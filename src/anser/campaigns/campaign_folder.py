@@ -31,7 +31,7 @@ from anser.scenario.schema import Scenario
 
 @dataclass(frozen=True)
 class Campaign:
-    """The flights of a study file, with results stored in a folder; complete, or with flights still to be flown."""
+    """Campaign of a study file, complete or partly flown, with the results in a folder."""
 
     store: CampaignStore  #: Stored study, base scenario, sampled values and results.
 
@@ -69,9 +69,9 @@ class Campaign:
     ) -> tuple[Path, ...]:
         """Write `report.html`, figures and tables into the folder, replacing former files, and return their paths.
 
-        For the map of the report, the `worst` worst flights and, as background, `background` other flights are flown
-        again; if `worst` is 0, the report has no map. `progress` is called with a message and the completed fraction,
-        0..1. Raises StoreError if no flight is complete.
+        The map of the report shows the worst flights (number: `worst`; 0: no map) and `background` evenly spaced other
+        flights; flights that are not archived are flown again. `progress` is called with a message and the completed
+        fraction, 0..1. Raises StoreError if no flight is complete.
         """
         return write_campaign(self.store, worst, background, progress)
 
@@ -115,13 +115,13 @@ def campaign(
     precision
         Precision of the flights, "float64" or "float32", overriding the study; None: precision of the study.
     outputs
-        Further outputs of each flight, in addition to the study's: dictionaries with the keys of a table `[[output]]`,
+        Outputs of each flight in addition to the study's outputs: dictionaries with the keys of a table `[[output]]`,
         such as `{"name": "bank", "expression": "abs(bank_deg)", "reduction": "greatest"}`.
     progress
         Called with a message and the completed fraction of the flights, 0..1.
     **user_parts
-        User-defined parts in place of the scenario's, by their import names: `controller="my_package:MyController"`;
-        further keys are `guidance`, `sensors`, `estimator` and `planner`. Parts extend the scenario's table `[parts]`.
+        Import names of user-defined parts, such as `controller="my_package:MyController"`, by the keys `controller`,
+        `guidance`, `sensors`, `estimator` and `planner`. A part replaces the scenario's part with the same key.
 
     Returns
     -------

@@ -41,10 +41,10 @@ def series_bands(
     store: CampaignStore,
     flights: np.ndarray,  # numbers of the completed flights to include
 ) -> tuple[SeriesBands, ...]:
-    """Compute the 5, 50 and 95 % quantiles over the flights for each stored time series of a quantity.
+    """Compute the 5, 50 and 95 % quantiles over the flights for each stored time series except codes and flags.
 
-    Codes and flags are omitted. At most 400 times and the first 6 aircraft are included. The result is empty if the
-    study stores no time series or `flights` is empty.
+    Only the first 6 aircraft and at most 400 times are included. The result is empty if the study stores no time series
+    or `flights` is empty.
     """
     if store.series_selection is None or not flights.size:
         return ()
@@ -69,7 +69,8 @@ def series_bands(
 def quantiles_over(
     values: np.ndarray,  # values of a variable; shape (flights, aircraft, times)
     *,
-    # True: angles in degrees, with quantiles of the deviation from the mean direction; results may exceed 180
+    # True: the values are angles in degrees; a quantile is the mean direction plus the quantile of the deviations from
+    # this direction, and may exceed 180. False: plain quantiles
     circular: bool,
 ) -> np.ndarray:
     """Compute the 5, 50 and 95 % quantiles over the flights; shape (3, aircraft, times); NaN if there is no value."""
@@ -161,13 +162,13 @@ def _spaced_indices(size: int, count_max: int) -> np.ndarray:
 def _replay(
     store: CampaignStore,
     data: xr.Dataset,
-    replay_worst: dict[int, bool],  # by flight number; True: one of the worst flights, False: background
-    report: Progress,
+    replay_worst: dict[int, bool],  # keys: flight numbers; True: one of the worst flights, False: background
+    report: Progress,  # called with a message and the completed fraction, 0..1
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
-    """Return the tracks of flights on the map, from archived flights or flights that are flown again.
+    """Return the tracks of flights for the report's map; a flight that is not archived is flown again.
 
-    The second result has the numbers of the flights whose scenario is no longer valid or whose results differ from the
-    stored results. Raises StoreError if an archived flight is damaged.
+    The second result has the numbers of the flights that changed: the scenario is no longer valid, or the results of
+    the repeated flight differ from the stored results. Raises StoreError if an archived flight is damaged.
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
@@ -213,7 +214,7 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Return the north and east positions in the result of a replay, (time, aircraft), named as in `flight.nc`."""
+    """Return the north and east positions of a repeated flight over time and aircraft, with names as in `flight.nc`."""
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

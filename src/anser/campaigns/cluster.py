@@ -116,7 +116,7 @@ class _Supervision:
         return futures
 
     def lost(self, arrived: str) -> StoreError:
-        """Return a StoreError that reports the loss of the cluster; `arrived` describes the failure in its message."""
+        """Return the StoreError for a lost cluster, with the description `arrived` of the failure in the message."""
         expected = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {expected}")
 

@@ -1,4 +1,4 @@
-"""Comparison of two campaigns, flight by flight: flight k of both has the same seed."""
+"""Comparison of two campaigns, flight by flight: flight k has the same seed in both campaigns."""
 
 import os
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ class Difference:
     name: str  #: Name of the quantity.
     words: str  #: Description of the quantity.
     unit: str  #: Unit of the quantity.
-    second_better: int  #: Number of pairs in which the second flight is better.
-    alike: int  #: Number of pairs in which both flights are equal, or both failed.
-    first_better: int  #: Number of pairs in which the first flight is better.
+    second_better: int  #: Number of pairs in which the second flight has the better value.
+    alike: int  #: Number of pairs with equal values, including two infinite values (such as two failed flights).
+    first_better: int  #: Number of pairs in which the first flight has the better value.
     share: float  #: Fraction of the pairs in which the second flight is better.
     low: float  #: Lower bound of the Wilson interval of `share`.
     high: float  #: Upper bound of the Wilson interval of `share`.
@@ -58,9 +58,9 @@ class CampaignComparison:
     first_only: int  #: Number of pairs in which only the first flight met every requirement.
     second_only: int  #: Number of pairs in which only the second flight met every requirement.
     neither: int  #: Number of pairs in which no flight met every requirement.
-    p_value: float  #: p-value of McNemar's exact test (two-sided) of equal success probabilities.
+    p_value: float  #: p-value of McNemar's exact two-sided test for equal success probabilities.
     differences: tuple[Difference, ...]  #: Differences of miss distance, arrival spread and common outputs.
-    #: Number of pairs whose values of a varied parameter differ, by key path; all pairs if varied in one campaign only.
+    #: Number of pairs in which a varied parameter differs, by key path; all pairs if only one campaign varies it.
     applied: dict[str, int]
     #: Differences of the base scenarios: key path, first value, second value.
     scenario: tuple[tuple[str, Any, Any], ...]
@@ -85,8 +85,8 @@ def compare_campaigns(
 ) -> CampaignComparison:
     """Compare two campaigns, or their folders, flight by flight: flight k has the same seed in both.
 
-    Confidence level and quantiles are those of the first study. A flight without an arrival counts as infinitely bad in
-    every quantity.
+    The first study gives the confidence level and the quantiles. A flight without an arrival counts as infinitely bad
+    in every quantity.
 
     Raises StoreError if a folder has no campaign. Raises ValueError if the numbers of flights or the seeds differ, or
     if no flight was completed in both campaigns.
@@ -142,7 +142,7 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
 def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> xr.Dataset:
     """Return the paired results of the flights `numbers` of both campaigns, with the dimensions campaign and flight.
 
-    Each value is the value of the fleet's worst aircraft; infinite if an arrival is missing.
+    Each value is the worst value in the fleet; infinitely bad if an aircraft did not arrive.
     """
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
     is_met = np.stack([data["met"].values for data in datasets])
@@ -185,7 +185,7 @@ def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
     """Count the pairs in which a varied parameter has different values; return the counts by key path, without zeros.
 
-    A parameter that only one of the campaigns varies counts with all pairs.
+    If only one of the campaigns varies a parameter, the parameter's count is the number of all pairs.
     """
     values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
     counts = {}

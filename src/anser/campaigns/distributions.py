@@ -66,7 +66,7 @@ class Dispersion(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the table, empty if valid: missing, superfluous or contradictory keys."""
+        """Return the problems of missing, superfluous or contradictory keys; empty if the table is valid."""
         required = _KEYS[self.distribution]
         superfluous = {key for keys in _KEYS.values() for key in keys} - {*required}
         if self.distribution != "choice":

@@ -39,8 +39,8 @@ class QuantileEstimate:
     name: str  #: Name of the quantity.
     words: str  #: Description of the quantity.
     unit: str  #: Unit of the quantity.
-    share: float  #: Fraction of the flights at or below `value`; at or above `value` if `upper` is False.
-    upper: bool  #: Whether `value` is an upper bound for the fraction `share` of the flights.
+    share: float  #: Fraction of the flights with values at or below `value`, or at or above if `upper` is False.
+    upper: bool  #: True: great values are bad, and `value` is an upper bound. False: small values are bad.
     value: float | None  #: The quantile; None if infinite (too many flights without an arrival).
     low: float | None  #: Lower bound of the confidence interval; None if infinite (too few flights).
     high: float | None  #: Upper bound of the confidence interval; None if infinite (too few flights).
@@ -61,7 +61,7 @@ class CampaignEstimates:
     low: float  #: Lower bound of the Wilson interval of the probability.
     high: float  #: Upper bound of the Wilson interval of the probability.
     causes: dict[str, int]  #: Number of failed flights by cause, most frequent first.
-    quantiles: tuple[QuantileEstimate, ...]  #: Quantiles of each quantity at the study's fractions.
+    quantiles: tuple[QuantileEstimate, ...]  #: Quantiles of each quantity at the fractions given in the study.
     worst: tuple[int, ...]  #: Numbers of the ten worst flights: failed flights first, then by miss distance.
 
     def as_dict(self) -> dict[str, Any]:

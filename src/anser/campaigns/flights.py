@@ -46,9 +46,9 @@ VALIDATED_FLIGHTS = 64
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path.
+    """Sample a study; return by key path the values to write into the flights' scenarios, shape (flights,).
 
-    `table_columns` are the columns of the study's table of values by key path; empty if there is no table.
+    `table_columns` has the columns of the study's CSV file by key path; empty if the study has no such file.
     """
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
@@ -118,7 +118,7 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
     """Return the seed of each flight of a campaign; shape (flights,).
 
-    `applied` has the values of all flights by key path; if empty, the study gives the number of flights.
+    `applied` has the sampled values of all flights by key path; if it is empty, the study gives the number of flights.
     """
     return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
@@ -132,8 +132,8 @@ def fly_campaign(
 ) -> None:
     """Fly the missing flights of a campaign until all are complete or the study's stopping rule is satisfied.
 
-    Damaged results are removed and flown again; completed chunks remain complete. Raises StoreError if a process was
-    killed, the cluster is unreachable or lost, or another process flies the campaign.
+    Damaged results are removed, and their flights are flown again. Raises StoreError if a process was killed, the
+    cluster is unreachable or lost, or another process flies the campaign; completed chunks then remain stored.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(store.locked())

@@ -101,7 +101,7 @@ def choose_processes(
 
 @contextlib.contextmanager
 def worker_processes(processes: int) -> Iterator[Executor | None]:
-    """Yield an executor with worker processes; None if `processes` is 1 or less and this process flies itself.
+    """Yield an executor with `processes` worker processes; if `processes` is 1 or less, start none and yield None.
 
     If the `with` block raises, unfinished tasks are cancelled and the workers are terminated.
     """

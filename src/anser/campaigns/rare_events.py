@@ -51,7 +51,7 @@ class RareEvent:
 
     @property
     def flights(self) -> RareFlights:
-        """Definition of the study's flights: their random numbers, scenarios and signed values (greater is worse)."""
+        """Definition of the study's flights: random numbers, scenarios and statistic; see `RareFlights`."""
         return RareFlights(self.store.study, self.store.scenario)
 
     @property
@@ -90,11 +90,11 @@ class RareEvent:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Probability of exceeding a threshold, over thresholds in the statistic's unit, with confidence interval.
+        """Exceedance curve: probability that the statistic exceeds a threshold, with confidence interval.
 
-        If small values of the statistic are bad, the curve gives the probability of a smaller value. The curve runs
-        from the median of the first level (plain Monte Carlo, probability one half) to the study's threshold, or to the
-        last bound that the levels reached.
+        If small values of the statistic are bad, the probability is that of a value below the threshold. The thresholds
+        (m or s) run from the median of the first level (plain Monte Carlo, probability 1/2) to the study's threshold,
+        or to the last bound if the levels did not reach the study's threshold.
         """
         flights, repetitions = self.flights, self.repetitions
         rare, confidence = flights.config, flights.study.answers.confidence
@@ -165,7 +165,7 @@ class RareEvent:
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
     def _levels(self) -> list[dict[str, Any]]:
-        """Return the results of each level: number of flights, and lists over the repetitions (see `SubsetLevel`)."""
+        """Return for each level the number of flights and, for each repetition, bound, share and acceptance rate."""
         flights, levels = self.flights, []
         for k in range(max(map(len, self.repetitions))):
             reaching = [repetition[k] for repetition in self.repetitions if len(repetition) > k]

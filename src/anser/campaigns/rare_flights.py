@@ -43,7 +43,8 @@ class GaussianSpace:
     """Space of the standard normal numbers ("normals") of flights; implements `SampleSpace` of module `subset`.
 
     The normals of each flight number follow from `seed`. A point is a weighted sum of the normals of several flight
-    numbers, at most `terms`: a NumPy record with the fields `count` (of terms), `flights` (numbers) and `weights`.
+    numbers, at most `terms`; it is a NumPy record with the fields `count` (number of terms), `flights` (flight numbers)
+    and `weights`.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
@@ -101,7 +102,7 @@ _BATCH_MAX = 64
 
 
 class RareFlights:
-    """Flights of a study's rare event: random numbers, scenarios and signed values (greater is worse)."""
+    """Flights of a rare event: random numbers, scenarios and signed values of the statistic (greater is worse)."""
 
     def __init__(self, study: Study, scenario: Scenario) -> None:
         self.study, self.scenario = study, scenario
@@ -128,7 +129,7 @@ class RareFlights:
 
     @functools.cached_property
     def plan(self) -> SubsetPlan:
-        """Size of the subset simulation: numbers of points, levels and repetitions, and the share of chain starts."""
+        """Numbers of points, levels and repetitions of the subset simulation, and share of points that start chains."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 
@@ -204,8 +205,7 @@ class RareFlights:
 class RareStore(AbstractFlightStore):
     """Stored flights of a rare-event analysis in a folder: a file with the limit-state values of each batch of flights.
 
-    The flights are numbered in order of the simulation. The number of a batch (chunk) is the number of the first
-    flight.
+    The flights are numbered in order of the simulation. A batch (chunk) has the number of its first flight.
     """
 
     description, command, data_folder = "a rare event", "rare", "flown"

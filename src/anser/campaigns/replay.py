@@ -31,9 +31,9 @@ def replay_differences(
 ) -> dict[str, float | str]:
     """Compare a flight flown again with its stored results; return the quantities that differ, by name.
 
-    For a number, the result is the greatest difference over the aircraft, divided by the scale of the unit (100 s, 10
-    km, 150 m/s or 1), if above `REPLAY_TOLERANCES`; NaN if the number is missing in one of both. For a quantity that is
-    not a float, the result is the stored value as text.
+    A float differs if the greatest difference over the aircraft, divided by the scale of the unit (100 s, 10 km, 150
+    m/s or 1), exceeds `REPLAY_TOLERANCES`; the result is this quotient, or NaN if only one of the flights has a value.
+    For a text, flag or whole number that differs, the result is the stored value as text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)

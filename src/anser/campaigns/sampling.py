@@ -45,8 +45,8 @@ def apply_distributions(
 def flight_seeds(study: Study, count: int) -> np.ndarray:
     """Return the seeds of `count` flights: consecutive numbers from a start derived from the study's seed.
 
-    All flights of a Saltelli block share a seed, except the last flight (input sample B). Random effects then
-    contribute to no input's first-order or total index.
+    The flights of a Saltelli block have the same seed; only the last flight (input sample B) has a different seed. With
+    these seeds, random effects contribute to no input's first-order or total index.
     """
     start = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
     numbers = np.arange(count, dtype=np.uint64)

@@ -42,7 +42,7 @@ class Influences:
     flights: int  #: Number of flights used.
     outputs: dict[str, str]  #: Description of each output by name.
     entries: tuple[Influence, ...]  #: Computed sensitivities, one for each output, parameter and measure.
-    not_computed: dict[str, str]  #: Reason for each output (by name) or parameter (by key path) without sensitivities.
+    not_computed: dict[str, str]  #: Reason why an output (by name) or parameter (by key path) has no sensitivity.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the sensitivities as plain data for JSON."""
@@ -58,7 +58,7 @@ def influences(
     """Compute the sensitivity of each output of a campaign to each varied parameter.
 
     The output ``met`` is 1 for a successful flight and 0 for a failed flight. In rank correlations, a flight without an
-    arrival has the worst value of every other output. Sobol indices require a finite value in every flight.
+    arrival counts as worst in every output. Sobol indices require a finite value in every flight.
     """
     confidence, not_computed = study.answers.confidence, dict[str, str]()
     if study.block > 1:
@@ -130,7 +130,7 @@ def _rank_entries(
 def ordered_values(values: np.ndarray, study: Study, path: str) -> np.ndarray | None:
     """Convert the values of a varied parameter to numbers; a text becomes its index in the study's list of values.
 
-    None if the texts come from a table and therefore have no order.
+    Returns None if the texts come from a table and therefore have no order.
     """
     if values.dtype.kind in "fiub":
         return values.astype(float)

@@ -44,10 +44,10 @@ def count_converged_chunks(
     # number of leading chunks for which an earlier evaluation has already failed; not evaluated again
     unconverged: int = 0,
 ) -> int | None:
-    """Return how many leading chunks first satisfy the study's stopping rule; None without a rule or if unsatisfied.
+    """Return the least number of leading chunks that satisfies the stopping rule; None if unsatisfied or without rule.
 
-    The rule requires a number of flights, and a confidence interval no wider than the rule's width. Repeated evaluation
-    lowers the interval's coverage slightly below its confidence level.
+    The rule requires a minimum number of flights, and a confidence interval no wider than the rule's width. Repeated
+    evaluation lowers the interval's coverage slightly below its confidence level.
     """
     rule = study.until
     if rule is None:
@@ -262,7 +262,7 @@ class CampaignStore(AbstractFlightStore):
         return array
 
     def _chunk_files(self, name: str, chunk: int) -> Iterator[str]:
-        """Yield the paths, in the data folder, of the files with a chunk of the array `name` (Zarr format 2)."""
+        """Yield the paths, relative to the data folder, of the Zarr files of a chunk of flights in the array `name`."""
         for further_indices in itertools.product(*map(range, self._array(name).cdata_shape[1:])):
             yield f"{name}/{'.'.join(map(str, (chunk, *further_indices)))}"
 
@@ -302,7 +302,7 @@ def repair_base(
 
 @contextlib.contextmanager
 def _write_every_chunk() -> Iterator[None]:
-    """Make Zarr also write files that hold only fill values, in the `with` block: a missing file then means damage."""
+    """In the `with` block, make Zarr write even files with only fill values; a missing file then means damage."""
     with zarr.config.set({"array.write_empty_chunks": True}):
         yield
 
@@ -312,7 +312,7 @@ _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 
 
 def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Scenario) -> dict[str, FlightColumn]:
-    """Return the results of flights as columns by name: (dimensions, values, attributes); texts have a fixed width."""
+    """Return columns (dimensions, values, attributes) of flight results by name; texts are cut to a fixed width."""
     labels = {output.name: output.labels for output in study.output}
     columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
     for name in _WIDTHS:
@@ -340,7 +340,7 @@ def _create_rows(
 ) -> None:
     """Write coordinates, seeds and values of the varied parameters, and allocate the arrays of the results.
 
-    `columns` are the results of one flight, as examples of data type, dimensions and attributes.
+    `columns`, the results of an example flight, give the data type, dimensions and attributes of each array.
     """
     names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
     _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
@@ -394,7 +394,10 @@ def _allocate(
     dimensions: list[str],
     labels: Mapping[str, Any],
 ) -> None:
-    """Create an array without values; only floats have a fill value (NaN), since xarray treats it as missing."""
+    """Create an array without values; `labels` are attributes.
+
+    Only an array of floats has a fill value (NaN), because xarray reads fill values as missing.
+    """
     group.create_array(
         name,
         shape=shape,

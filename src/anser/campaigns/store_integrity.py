@@ -59,7 +59,7 @@ def store_attributes(study: Study, scenario: Scenario) -> dict[str, Any]:
 
 
 class AbstractFlightStore(abc.ABC):
-    """Folder with the results of a study's flights; only one process at a time may write, and a later one can resume.
+    """Folder with the results of a study's flights; only one process at a time may write; a later process can resume.
 
     A chunk (flights that are flown and stored together) is complete when the checksums of its files are recorded, see
     `StoreChecksums`. The constructor raises StoreError if the folder has another format version.
@@ -100,7 +100,7 @@ class AbstractFlightStore(abc.ABC):
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder in the `with` block, and remove damaged results; `damages` gets a message for each.
+        """Lock the folder in the `with` block; remove damaged results, and append a message for each to `damages`.
 
         Nested use is allowed. Raises StoreError if another process flies into the folder, or the folder cannot be
         locked.

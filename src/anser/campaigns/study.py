@@ -50,7 +50,7 @@ class OutputSelection(Table):
     series_every_s: float = number("period of stored values, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the table, empty if valid: unknown or repeated variables, a period alone."""
+        """Return the problems of unknown or repeated variables, and of a period without variables; empty if valid."""
         problems = []
         for k, name in enumerate(self.series):
             if name in self.series[:k]:
@@ -85,8 +85,8 @@ def refuse_series(
 ) -> None:
     """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
-    The errors are: the period is not a multiple of the time step; the timing varies; or no flight records a selected
-    variable.
+    The errors are: the period is not a multiple of the time step; a varied parameter belongs to the scenario's table
+    [timing]; or no flight records a selected variable.
     """
     if keep is None or not keep.series:
         return
@@ -109,7 +109,7 @@ def refuse_series(
 
 
 def recorded_keys_of(scenario: Scenario) -> set[str]:
-    """Return the keys of the variables that the flights of a scenario record, in `anser.variables.CATALOGUE`."""
+    """Return the keys (in `anser.variables.CATALOGUE`) of the variables that the flights of a scenario record."""
     keys = set(RECORDED_KEYS)
     if scenario.turbulence.intensity != "none" or scenario.gust:
         keys |= _GUST_KEYS
@@ -123,7 +123,7 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
 
 
 def feature_required(name: str) -> str:
-    """Return the scenario feature, as text, that flights need to record the optional variable `name`."""
+    """Return a text that names the scenario feature without which flights do not record the variable `name`."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
@@ -134,7 +134,7 @@ def feature_required(name: str) -> str:
 
 
 def _suggestion(name: str) -> str:
-    """Return advice for an unknown variable name: the key, similar keys, or the page that lists the keys."""
+    """Return advice for an unknown variable name: the key without unit, similar keys, or the page with all keys."""
     if name in _KEY_BY_NAME:
         return f"perhaps {describe_value(_KEY_BY_NAME[name])}: here without its unit"
     matches = difflib.get_close_matches(name, _KEYS, n=3)
@@ -177,7 +177,7 @@ class RareEventConfig(Table):
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problem of `level_share` or, if valid, the problem of `flights`; empty if both are valid.
+        """Return the problem of `level_share` or, if `level_share` is valid, of `flights`; empty if both are valid.
 
         1 / level_share must be a whole number; the number of flights must be a multiple of repetitions / level_share,
         and at least ten times this ratio.
@@ -223,8 +223,8 @@ class Sampling(Table):
     def consistency_problems(self) -> list[Problem]:
         """Return the problems of the table, empty if valid.
 
-        Each method requires one of the keys and excludes the others. The methods sobol and saltelli require a power of
-        2 as number of flights.
+        The method grid requires `levels` alone, the method table `file` alone, the remaining methods `flights` alone.
+        The methods sobol and saltelli require a power of 2 as number of flights.
         """
         required = {"grid": "levels", "table": "file"}.get(self.method, "flights")
         keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
@@ -440,7 +440,7 @@ class Study(Table):
 
     @property
     def block(self) -> int:
-        """Number of flights that depend on each other: number of varied parameters + 2 (Saltelli sampling) or 1."""
+        """Number of flights in a block of dependent flights: varied parameters + 2 in Saltelli sampling, 1 if not."""
         return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
@@ -489,7 +489,7 @@ def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>", *, is_stored: bool = False) -> Study:
-    """Return the study with the keys and values of nested dictionaries, as in a study file.
+    """Convert nested dictionaries, with the keys and values of a study file, to a study.
 
     Contradictions between keys are accepted in the study of stored results (`is_stored`). Raises ScenarioError if keys
     or values are not valid; `source` names their origin in the message.

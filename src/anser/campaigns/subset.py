@@ -39,8 +39,8 @@ class SampleSpace(Protocol):
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Return the points ``keep * point + sqrt(1 - keep**2) * new``, which are again standard normal.
 
-        `new` is the independent random point of the running number in `numbers`; `keep` (0 to 1) and `numbers` have one
-        entry per point.
+        `new` is the random point that `sample` returns for the running number in `numbers`; `keep` (0 to 1) and
+        `numbers` have one entry per point.
         """
         ...
 
@@ -71,7 +71,7 @@ class SubsetLevel:
 
     bound: float  # -inf on the first level
     values: np.ndarray  # value of each point, chain by chain
-    points: np.ndarray
+    points: np.ndarray  # points of the sample space, in the order of `values`
     numbers: np.ndarray  # running number with which each point was drawn or proposed
     share: float  # fraction of the points that reach the next bound or, on the last level, exceed the threshold
     acceptance: float  # acceptance rate of the chains' moves; NaN on the first level
@@ -99,11 +99,11 @@ def exceedance(repetition: Repetition, value: float) -> float:
 class SubsetEstimate:
     """Estimate of the probability of exceeding a value, with its confidence interval."""
 
-    #: Estimated probability; None if a repetition has no point that exceeds the value. If the first level suffices in
-    #: every repetition, the points of all repetitions count together.
+    #: Estimated probability; None if a repetition has no point that exceeds the value or, where `estimate` uses only
+    #: the first levels of all repetitions, if none of their points exceeds the value.
     probability: float | None
     low: float  #: Lower bound of the confidence interval; 0 if the probability is None.
-    #: Upper bound of the confidence interval; 1 if the probability is None and the first level does not suffice.
+    #: Upper bound of the confidence interval; 1 if the probability is None, except where only first levels are used.
     high: float
 
 
@@ -138,10 +138,10 @@ def subset_simulation(
     space
         Space of the points.
     limit_state
-        Function that returns the values of points from the points and their running numbers, from 0; called once for
-        each move, with the points of all chains in all repetitions.
+        Function that returns a value for each point; the arguments are points and their running numbers, from 0. It is
+        called once for each move, with the points of all chains in all repetitions.
     threshold
-        Threshold of the event, which is a value above the threshold.
+        Value that a point must exceed to count as the event.
     plan
         Numbers of points, levels and repetitions.
     seed

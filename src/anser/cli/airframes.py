@@ -184,7 +184,8 @@ def _report(
 ) -> None:
     """Print an aircraft file's check data and findings; exit with code 1 if a check fails or a finding exists.
 
-    `signals` are the inputs and outputs of a DAVE-ML file; `effects` describes positive deflections by surface.
+    `name` is printed, `aircraft` is the argument on the command line. `signals` are the inputs and outputs of a DAVE-ML
+    file, empty for other files. `effects` says what a positive deflection of each surface does.
     """
     failed = [item for item in checked_values if not item.passed]
     print_document(

@@ -73,7 +73,7 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Return a decorator that attaches examples and exit codes to a command; `unmet` describes exit code 1, if any."""
+    """Return a decorator that adds examples and exit codes to a command; `unmet` is the meaning of code 1, if any."""
     codes = [
         "0  done",
         *([f"1  {unmet}"] if unmet else []),

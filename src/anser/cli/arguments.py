@@ -73,9 +73,9 @@ def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[st
 
 
 def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
-    """Yield the entries of a folder whose names start with `prefix`, and all contents down to `depth` levels.
+    """Yield the entries of a folder whose names start with `prefix`, and the contents of these entries, `depth` deep.
 
-    A hidden entry is left out, unless its name starts with a `prefix` that is not empty.
+    Hidden entries are yielded only if they lie directly in `folder` and `prefix` starts with a dot.
     """
     try:
         entries = sorted(folder.iterdir())

@@ -1,4 +1,4 @@
-"""Measurement of a scenario's computing cost: two flights in new processes, with an empty cache of their own."""
+"""Measurement of a scenario's computing cost by two flights in new processes, which share a new, empty cache."""
 
 import json
 import os
@@ -40,8 +40,9 @@ _STAGES = ("tracing_s", "lowering_s", "compiling_s")
 def measure_scenario(scenario: Path) -> dict[str, Any]:
     """Fly a scenario twice in new processes; return a JSON document of the cost of both runs.
 
-    The document has the compiled programs with CPU seconds by stage, sums of the stages, the first run's peak of memory
-    (MB; None if unknown), and CPU and wall seconds of each run. Raises InputError if the scenario cannot be flown.
+    The document has the CPU time (s) of tracing, lowering and compiling for each compiled program and in sum, the first
+    run's peak memory (MB; None if unknown), and CPU and wall time (s) of each run. Raises InputError if the scenario
+    cannot be flown.
     """
     with tempfile.TemporaryDirectory(prefix="anser-") as folder:
         first, second = (_run_once(scenario, Path(folder), number) for number in (1, 2))

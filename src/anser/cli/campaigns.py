@@ -200,7 +200,7 @@ def _refuse_old_folder(out: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _locked(store: "CampaignStore") -> Iterator[None]:
-    """Lock a campaign's folder in the `with` block, and print which damaged chunks are flown again.
+    """Lock a campaign's folder in the `with` block, and print which flights are flown again because of damaged files.
 
     Raises InputError if another process flies the campaign.
     """
@@ -215,7 +215,7 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 
 
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
-    """Fly the missing flights of a campaign, print the estimates and write the report; after Ctrl-C as well.
+    """Fly the missing flights of a campaign, then print the estimates and write the report, even after Ctrl-C.
 
     Exits with code 1 if a flight does not meet a requirement or cannot start.
     """
@@ -266,7 +266,7 @@ def _resume_note(store: "CampaignStore") -> str:
 
 
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
-    """Write the report of a campaign without a map; return the names of the written files.
+    """Write the report of a campaign, without the map of the worst flights; return the names of the written files.
 
     Nothing is written if no flight is complete, or if a report exists and only `flown_before` flights are complete.
     """

@@ -67,7 +67,7 @@ class DefaultCommandGroup(TyperGroup):
 def register_group(
     app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], summary: str, examples: Sequence[str]
 ) -> None:
-    """Register commands decorated with `help_epilog` as a group; the first command is the default."""
+    """Register commands (see `help_epilog`) as a group, the first as default; the help has `summary` and `examples`."""
     hint = f"anser {name} COMMAND --help shows the options and exit codes of one."
     lines = "\n".join(["Examples:", *(f"  {example}" for example in examples), "", hint])
     group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=summary, epilog=escape(lines))

@@ -118,7 +118,10 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result, each after `prefix`, and the JSON document; always exit with code 1."""
+    """Print the `reasons` for a missing result, each after `prefix`, and exit with code 1.
+
+    If --json was used, the document has the reasons and `status`, such as "no plan".
+    """
     print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
     fail_if_any(prefix + reason for reason in reasons)
     raise typer.Exit(1)
@@ -191,8 +194,8 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    The line says if the process waits for a compilation. `total` is the fraction that counts as complete, or None for
-    work of unknown duration.
+    The line says if the process waits for a compilation. `total` is the fraction at the end of the work (1), or None
+    for work of unknown duration.
     """
     from anser.compiling.measuring import compilation_message
 
@@ -354,7 +357,7 @@ def true_airspeed_of(
 
 @contextlib.contextmanager
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner in the `with` block, and yield a function that sets its description, at first `description`.
+    """Show a spinner with the text `description` in the `with` block, and yield a function that replaces the text.
 
     If the block raises ConditionError (no steady flight), the reason is printed and the command ends with code 1.
     """
@@ -368,7 +371,10 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise InputError for a value outside `_RANGES`, or a pitch rate with a turn or path rate; None is not checked."""
+    """Raise InputError if a value is outside `_RANGES`, or if a pitch rate is given with a turn or path rate.
+
+    `condition` has the values by name of the option; None stands for an option that is not given.
+    """
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:
@@ -392,7 +398,7 @@ def must_be_f16(aircraft: str, instead: str) -> None:
 
 
 def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft") -> None:
-    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
+    """Raise InputError if an airframe's name (option `parameter`) or variant is unknown; paths are not checked."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
         raise InputError(f"{parameter}: arrived {aircraft!r}; expected {expected}")

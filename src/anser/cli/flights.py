@@ -145,7 +145,7 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Return the time, s, at which each aircraft that flew at first had another status, by name of the aircraft."""
+    """Return the time, s, at which an aircraft's status first changed from 0 (flying), by name of the aircraft."""
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
         stopped_rows = codes.nonzero()[0]
@@ -155,7 +155,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status in an aircraft's summary entry, after the time in `stopped_s` if any: "at 12.0 s: ..."."""
+    """Return the status in an aircraft's summary entry, preceded by "at 12.0 s: " if `stopped_s` has its time."""
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -199,7 +199,7 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
-    """Print each requirement that is not met and each aircraft that failed; always exit with code 1."""
+    """Print each unmet requirement and, with the time in `stopped_s`, each failed aircraft; always exit with code 1."""
     from anser.results.arrival import AS_PLANNED  # late import: errors in the file come first
 
     for item in summary["requirements"]:

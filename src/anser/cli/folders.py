@@ -27,7 +27,7 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Create the output folder and yield a temporary folder; its files move to the output folder if no error occurs.
+    """Create the output folder and yield a temporary folder; if no error occurs, the files move to the output folder.
 
     With `force` the output folder may exist, and files of the same names are replaced. Raises InputError if the folder
     exists and `force` is False, or if the folder cannot be written.
@@ -78,7 +78,7 @@ PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
 def must_be_new_file(
     option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
 ) -> None:
-    """Raise InputError if a path has none of the suffixes or fails `must_be_writable`; None is accepted."""
+    """Raise InputError if a path has none of the suffixes, or if `must_be_writable` refuses the path; None passes."""
     if path is None:
         return
     if path.suffix not in suffixes:
@@ -102,7 +102,7 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, which moves to `path` if no error occurs.
+    """Yield a temporary path for an output file; if no error occurs, the file is moved to `path`.
 
     Raises InputError if the file cannot be written, or if the file exists and `force` is False.
     """
@@ -118,7 +118,7 @@ def write_if_requested(option: str, path: Path | None, force: bool, write: Calla
 
 
 def note_if_written(path: Path | None, contents: str = "") -> None:
-    """Print that an output file, or a folder with `contents`, was written, unless `path` is None."""
+    """Print that the file `path`, or a folder with `contents`, was written; print nothing if `path` is None."""
     if path is not None:
         print_note(f"{path}: {contents} written" if contents else f"{path}: written")
 
@@ -130,7 +130,7 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert an operating-system error in the `with` block to InputError; `expected` is part of the message."""
+    """Convert an operating-system error in the `with` block to InputError; `expected` says what `path` should be."""
     try:
         yield
     except OSError as error:

@@ -190,13 +190,13 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
 
 
 def _disk(radius: float) -> tuple[float, float]:
-    """Return the change of gain (dB) and the change of phase (deg), each alone, that a disk margin `radius` allows."""
+    """Return the change of gain alone (dB), and of phase alone (deg), that a disk margin `radius` allows."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
 
 
 def _gain(margin_db: float, searched_db: float, sign: float) -> str | float:
-    """Return the gain margin, dB, times `sign` (1: increase, -1: decrease); a text if stable up to `searched_db`."""
+    """Return the gain margin, dB, times `sign` (1: increase of gain, -1: decrease); a text if above `searched_db`."""
     if margin_db <= searched_db:
         return sign * margin_db
     return f"none to {sign * searched_db:.1f}"

@@ -35,7 +35,7 @@ def load_with_overrides(
 ) -> Scenario:
     """Load a scenario, replace values by the options --set and --planner, and print cautions about the scenario.
 
-    `settings` are texts PATH=VALUE; `with_trim_maps` includes the cautions that need trims. Raises InputError if an
+    `settings` are texts PATH=VALUE; `with_trim_maps` False omits the cautions that need trims. Raises InputError if an
     option is malformed. Raises ScenarioError if the scenario is invalid, or if a key of an option has no effect or is
     set twice.
     """
@@ -76,7 +76,7 @@ def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """Return the parts of an option --set before and after the equals sign; raises InputError if a part is missing."""
+    """Split an option --set at the equals sign; raises InputError with the text `expected` if a part is missing."""
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
         raise InputError(f"--set: arrived {text!r}; expected {expected}")

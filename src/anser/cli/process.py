@@ -62,7 +62,7 @@ class Interrupts:
 
 
 def _interrupt_main_thread(number: int) -> None:
-    """Send the signal `number` to the main thread: a signal to another thread would not wake the main thread."""
+    """Send the signal `number` to the main thread, which a signal to another thread would not wake."""
     thread = threading.main_thread().ident
     if thread is not None and hasattr(signal, "pthread_kill"):
         signal.pthread_kill(thread, number)
@@ -88,7 +88,7 @@ interrupts = Interrupts()
 
 @contextlib.contextmanager
 def without_dask() -> Iterator[None]:
-    """Hide an installed dask from xarray in the `with` block, except for a command with a cluster."""
+    """Hide an installed dask from xarray in the `with` block, unless the command line has the option --cluster."""
     # xarray imports dask for every dataset, which takes half a second; an xarray imported before has already seen dask
     hidden = not {"dask", "xarray"} & set(sys.modules) and not any(word.startswith("--cluster") for word in sys.argv)
     if hidden:
@@ -133,8 +133,8 @@ class GuardedStream:
 def guarded_streams() -> Iterator[Callable[[], str | None]]:
     """Replace standard output and standard error by `GuardedStream` in the `with` block.
 
-    Yields a function that flushes standard output and returns the reason of a failed write, or None. A closed pipe, as
-    by ``head``, and failures of standard error are no failures.
+    Yields a function that flushes standard output and returns the reason for a failed write; None if no write failed.
+    A pipe closed by the reader, such as ``head``, and failed writes to standard error do not count as failures.
     """
     _open_closed_descriptors()
     original_streams = sys.stdout, sys.stderr

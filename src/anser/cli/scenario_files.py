@@ -158,7 +158,8 @@ def _copy_shipped(name: str, path: Path) -> None:
 def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_command: str) -> None:
     """Write a file at `path` with `write`, and print its path and the next command `check_command`.
 
-    `write` also writes the schema for editors, `schema_name`, beside the file if there is none; a note says which.
+    `write` must also write the schema file `schema_name` beside the file, unless there is one. A note on the schema
+    says which of the two happened.
     """
     schema_path = path.with_name(schema_name)
     schema_exists = schema_path.exists()

@@ -212,9 +212,9 @@ def _entry(value: float) -> str:
 def _block(
     name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
 ) -> list[str]:
-    """Return a matrix as lines of text with row and column labels, in blocks of columns that fit the screen.
+    """Return a matrix as lines of text, divided into blocks of columns that fit the screen.
 
-    `quantities` label the rows; `values` are the rows.
+    `columns` and `quantities` are the labels of columns and rows, `name` is the heading of the row labels.
     """
     cells = [[_entry(float(value)) for value in entries] for entries in values]
     label_width = max(len(name), *(len(entries) for entries in quantities))

@@ -110,9 +110,9 @@ def _range(text: str, values: str) -> list[object]:
 
 
 def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Return the swept values and results of each flight by name; the last key path varies fastest.
+    """Return for each flight the swept values by key path, and results by name; the last key path varies fastest.
 
-    The value of a quantity is the greatest over the aircraft; None if missing.
+    A result of several aircraft is the greatest of their values; None if a value is missing.
     """
 
     def number_at(name: str, index: tuple[int, ...]) -> float | None:

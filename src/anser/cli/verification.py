@@ -102,7 +102,7 @@ def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
-    """Return the comparison of each group with the greatest ratio of error to tolerance, or the last if unpublished."""
+    """Return, for each group, the comparison with the greatest `severity`, or the last one if no value is published."""
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
         current = worst.get(comparison.group)
@@ -113,7 +113,7 @@ def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
 
 
 def _shortfalls(outcome: "Outcome") -> list[str]:
-    """Return error messages for a failed check: the reason if not computed, or a line for each failing quantity."""
+    """Return the error messages of a failed check: why the computation failed, or a line for each failing quantity."""
     key = outcome.check.key
     if outcome.problem is not None:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
@@ -132,7 +132,7 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
 
 
 def _quantity(comparison: "Comparison") -> str:
-    """Return the name of a comparison's quantity, with unit unless the name contains the unit, and the point."""
+    """Return quantity, unit and point of a comparison as text; a unit that the quantity's name contains is left out."""
     unit = comparison.unit
     in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
     shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"

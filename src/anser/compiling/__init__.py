@@ -1,13 +1,13 @@
-"""Compilation of JAX functions: compiler options, the programs of a process, and their storage on disk.
+"""Compilation of JAX functions: compiler options, compiled programs in memory, and their storage on disk.
 
 A program is a compiled function for arguments of certain shapes.
 
 ==================  ==================================================================================================
-``options``         decorators that make programs of functions, threads for a batch, and the user's cache folder
-``program``         class of a program: look-up, tracing, compilation in the background, limit of the memory
+``options``         decorators that compile functions, division of a batch among threads, the user's cache folder
+``program``         look-up, tracing and compilation of programs; limit of the memory that the programs use
 ``keys``            keys of stored programs: hashes of everything on which the machine code depends
 ``store``           programs in a folder on disk
-``executables``     machine code as bytes, and its loading
+``executables``     conversion of programs to bytes, and loading of machine code
 ``single_kernel``   small computations as one CPU kernel
 ``measuring``       size and CPU time of each compilation, and the time left
 ==================  ==================================================================================================

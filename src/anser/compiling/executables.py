@@ -253,7 +253,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations that a fusion calls; empty if the fusion has no machine code."""
+    """Return the identifiers of the computations that a fusion instruction calls; empty if it has no machine code."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0
@@ -264,7 +264,7 @@ def _called_ids(fusion: bytes) -> list[int]:
 
 
 def _shrink(computation: bytes) -> bytes:
-    """Reduce the computation of a fused kernel to its parameters and a call without operands in place of its result."""
+    """Reduce a fused kernel's computation to the parameters, and a call without operands that stands for the result."""
     properties, instructions = [], []
     for number, begin, start, end in _fields(computation):
         (instructions if number == _INSTRUCTION else properties).append((begin, start, end))

@@ -109,7 +109,7 @@ def _is_kernel(room: str, module: str) -> bool:
 
 
 def _hash_sources() -> tuple[str, str]:
-    """Return two hashes of source files: of kernels (`_is_kernel`) with top-level modules, and of the whole package."""
+    """Return the hash of the source files of kernels (`_is_kernel`) and top-level modules, and of all files."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
@@ -127,18 +127,18 @@ _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
 
 
 def _source_hash(description: str) -> str:
-    """Return the hash of the source files on which a program depends, from the program's description."""
+    """Return the hash of the source files on which the program with this description depends."""
     # kernels import only kernels
     modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
 class _ModuleDescription(NamedTuple):
-    """Description of a module that detects functions and constants replaced at run time."""
+    """Description of a module, which changes if a function or constant is replaced at run time."""
 
     bindings: list[Any]  # names and values in the module, then in each of its classes
     modules: frozenset[str]  # names of the anser modules from which the values come
-    text: str  # functions, classes and numbers by name
+    text: str  # a line for each function, class and constant, with its name
 
 
 _descriptions: dict[str, _ModuleDescription] = {}
@@ -187,7 +187,7 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
 
 
 def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
-    """Return descriptions, by name, of the loaded anser modules that `description` names, and of modules they use."""
+    """Return descriptions, by name, of the loaded anser modules in `description`, and of modules used by these."""
     # Other loaded modules are left out: a program's key must not depend on further imports of the process.
     modules: dict[str, _ModuleDescription] = {}
     names = set(re.findall(r"\banser(?:\.\w+)+", description))
@@ -259,6 +259,6 @@ def operations_key(
     text: str,  # StableHLO of the program with its constants
     options: Mapping[str, bool | str],  # compiler options
 ) -> str:
-    """Return the key of a lowered program, a hash of its operations; valid even for code from outside the package."""
+    """Return the key of a lowered program: a hash of its operations, in which code of any package is allowed."""
     parts = ["operations", _describe_platform(), jax_settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

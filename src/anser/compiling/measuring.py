@@ -78,7 +78,7 @@ def measured(record: Compilation, stage: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def waiting() -> Iterator[None]:
-    """Count the `with` block as a wait for a program, which `compilation_message` then reports."""
+    """Count the `with` block as a wait for a program; `compilation_message` then names the program."""
     _waits.append(None)
     try:
         yield
@@ -145,7 +145,7 @@ def _time_left(seconds: float) -> str:
 
 
 def count_equations(jaxpr: Any) -> int:
-    """Return the number of equations (operations) in a traced program, with those of the programs that it calls."""
+    """Return the number of equations (operations) in a traced program, including the programs that it calls."""
     counts: dict[int, int] = {}
 
     def count(program: Any) -> int:

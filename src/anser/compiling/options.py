@@ -60,7 +60,7 @@ def compiled_by_older_generator(
 
 def blocks_on_cores(
     count: int,
-    least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
+    least: int,  # least number of rows of a block; for fewer rows, another thread costs more time than it saves
 ) -> list[slice]:
     """Divide a batch of `count` rows into equal blocks for computation in parallel; return their slices.
 

@@ -186,7 +186,7 @@ def _bypass_jax_cache() -> Iterator[None]:
 
 
 def _strip_locations(lowered: Any) -> None:
-    """Remove the lines of source code from a lowered program: its stored code is a third smaller and loads sooner."""
+    """Remove source-code locations from a lowered program, because code without them is smaller and loads sooner."""
     with contextlib.suppress(Exception):  # another version of JAX: the program keeps the lines
         from jax._src.lib.mlir import passmanager  # pyright: ignore[reportPrivateImportUsage]
 
@@ -216,7 +216,7 @@ def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]
 
 
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
-    """Return the compiled program, and whether XLA can serialize it: not if the program came from JAX's own cache."""
+    """Return the compiled program, and whether XLA can serialize it: True unless it came from JAX's own cache."""
     _listen()
     thread = threading.get_ident()
     former_hits = _cache_hits.count(thread)
@@ -248,7 +248,7 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
 
 
 def strongly_typed(value: _T) -> _T:
-    """Return a pytree whose arrays have no weak types, for which JAX would compile another program."""
+    """Return `value` without weak types of its arrays, because JAX would compile another program for weak types."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf, value)
 
 
@@ -403,7 +403,7 @@ class Program(Generic[_P, _R]):
         return (), structure.unflatten(arrays) | dict(static_leaves)
 
     def _key(self, arrays: list[Any], static: tuple[Any, Any]) -> str | None:
-        """Return the key of the program in the store, from arrays and static arguments; None if it cannot be stored."""
+        """Return the store's key of the program for these arguments; None if the program cannot be stored."""
         try:
             arguments = self._join_arguments(list(map(_shape_of, arrays)), static)
             return program_key((self._function, arguments, self._options))
@@ -437,7 +437,7 @@ class Program(Generic[_P, _R]):
         return prepared
 
     def _load_stored(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """Return the program for these arguments from the store, or None; if loading fails later, it is compiled."""
+        """Return the program for these arguments from the store, or None. A program whose loading fails is compiled."""
         store = _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static)
         content = store.load(key) if store is not None and key is not None else None

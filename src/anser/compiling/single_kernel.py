@@ -70,7 +70,7 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a program without single-kernel attributes on inner calls: XLA would keep each `jnp.where` as a call."""
+    """Return a program whose inner calls (`jnp.where`) lack the single-kernel attributes, so that XLA inlines them."""
 
     def call(*arrays: Any) -> Any:
         with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):

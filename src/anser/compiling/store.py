@@ -157,7 +157,7 @@ def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | N
 
 
 def _read_trusted(path: Path) -> tuple[bytes | None, str | None]:
-    """Return the content of a file, None if unreadable or not trusted; and the reason for distrust, if any."""
+    """Return a file's content (None if unreadable or not trusted) and the reason for distrust (None if trusted)."""
     try:
         handle = os.open(path, _OPEN_FLAGS)
     except OSError:

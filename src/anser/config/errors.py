@@ -47,7 +47,7 @@ class ScenarioError(ValueError):
 
 
 def problem_error(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
-    """Build the error of a file `source` with a single problem; an empty `path` (key) means the whole file."""
+    """Build the error of the file `source` with one problem; the other arguments are the fields of `Problem`."""
     return ScenarioError(source, [Problem(path, arrived, expected)])
 
 

@@ -131,7 +131,10 @@ class _Builder:
                 raise ExpressionError(self._source(node), f"nothing but {_ALLOWED}")
 
     def _operand(self, node: ast.AST, depth: int, *, is_condition: bool = False) -> _Evaluate:
-        """Return an operand's evaluating function; raises ExpressionError if the operand's type is wrong."""
+        """Return the function that evaluates an operand.
+
+        Raises ExpressionError if the operand is not a condition (`is_condition` True) or not a number (False).
+        """
         found_condition, evaluate = self.build(node, depth + 1)
         if found_condition and not is_condition:
             expected = "a number there, such as (1 if mach > 0.5 else 0)"

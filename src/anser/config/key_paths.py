@@ -59,7 +59,7 @@ def value_at(scenario: Table, path: str) -> Any:
 
 
 def _as_values(node: Any) -> Any:
-    """Return a node in plain values: a table as a dictionary with defaults, the class of an omitted table as None."""
+    """Return `node` in plain values, tables as dictionaries; None for a table class (it replaces an omitted table)."""
     if isinstance(node, type):
         return None
     if isinstance(node, Table):
@@ -68,7 +68,7 @@ def _as_values(node: Any) -> Any:
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table, or the class of an omitted table, as a dictionary with defaults, and a tuple as a list."""
+    """Return a table, or a table class (for an omitted table), as a dictionary with defaults, and a tuple as a list."""
     if isinstance(node, Table):
         return {
             key: _value_or_table(getattr(node, key), field.annotation) for key, field in type(node).model_fields.items()
@@ -82,7 +82,7 @@ def _as_container(node: Any) -> Any:
 
 
 def _value_or_table(value: Any, annotation: Any) -> Any:
-    """Return the value of a key, or the class of an optional table in place of None."""
+    """Return the value of a key; if it is None and `annotation` contains a table class, return the class instead."""
     if value is not None:
         return value
     options = get_args(annotation)

@@ -34,7 +34,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
 
     def consistency_problems(self) -> list[Problem]:
-        """List contradictions between keys with values that are valid alone; key paths are relative to the table."""
+        """List contradictions between keys whose values are valid one by one; key paths are relative to the table."""
         return []
 
     @model_validator(mode="after")

@@ -130,9 +130,9 @@ def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None)
 
 @contextlib.contextmanager
 def attach_line_numbers(text: str, source: str) -> Iterator[None]:
-    """Add line numbers in `text` to the problems of a ScenarioError of `source` that the block raises.
+    """Add line numbers in `text` to the problems of a ScenarioError that the `with` block raises.
 
-    Errors of referenced files, which have another source, pass unchanged.
+    The error's source must be `source`; errors of referenced files pass unchanged.
     """
     try:
         yield
@@ -145,7 +145,7 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
     """Return problems with line numbers in a TOML text.
 
-    `keys` maps paths of problems that are not in the text to key paths in the text.
+    `keys` maps problem paths that do not occur in the text to key paths that do.
     """
     lines, places = _lines_of(text), keys or {}
     return [
@@ -156,9 +156,10 @@ def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str]
 
 @contextlib.contextmanager
 def named_by(source: str, key: str, name: str) -> Iterator[None]:
-    """Attribute a ScenarioError about the whole file `name` to the key `key` of file `source`, which refers to `name`.
+    """Attribute a ScenarioError of the `with` block to the key that refers to the file with the error.
 
-    An error whose first problem already has a key path or position passes unchanged.
+    `key` is the key path in the file `source`, and `name` is the key's value, the file with the error. An error whose
+    first problem already has a key path or position passes unchanged.
     """
     try:
         yield

@@ -1,6 +1,6 @@
 """Conversion of Pydantic's validation errors to messages with key path, value and expected value.
 
-Includes conversion hints for values in another unit or as a compass point.
+If a value has another unit or is a compass point, the message gives the number to write.
 """
 
 import difflib
@@ -80,7 +80,7 @@ _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
-    """Return the problems of a failed validation of the values `raw` of a whole file, in the order of the schema.
+    """Return the problems of a failed validation, in the order of the schema; `raw` are the values of the whole file.
 
     A required key that is misspelled in the file is reported once, as an unknown key.
     """

@@ -1,7 +1,7 @@
 """Autopilot by nonlinear dynamic inversion (gains, loops, control allocation), guidance, and DAVE-ML control laws.
 
-The fast loop is inverted in ``rate_control`` (``autopilot``) and ``allocate`` (``allocation``). Control effectiveness
-is the derivative of the moment by the surface deflections.
+``rate_control`` (``autopilot``) and ``allocate`` (``allocation``) invert the dynamics of the fast loop. Control
+effectiveness is the derivative of the moment with respect to the surface deflections.
 
 =======================  ===============================================================================================
 ``inversion_autopilot``  the autopilot as a controller of the closed loop, commanded at one of its three loops

@@ -132,7 +132,7 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Return the base of the allocation: commanded surfaces at 0 or the stop nearest to 0, others as in `surfaces`."""
+    """Return `surfaces` with the commanded surfaces at 0, or at the stop nearest to 0; the allocation starts there."""
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -155,7 +155,7 @@ def _weighted_inverse(
 
 
 def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_b: Vector3, solution: Vector) -> Vector:
-    """Return deflections within the stops that best give the moment `target_b`; `solution` is not limited."""
+    """Limit the deflections `solution` to the stops; the free surfaces then best give the moment `target_b` (N m)."""
     lower, upper = actuators.lower, actuators.upper
     commanded = jnp.asarray(actuators.is_commanded)
     fixed = ~commanded | (solution < lower) | (solution > upper)
@@ -218,8 +218,9 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Return the greatest magnitude of each of three quantities alone, within surface limits.
+    """Return the greatest magnitude that each of three quantities can have alone.
 
-    `deflection` (surfaces, 3) is the deflection or rate of each surface per unit of each quantity.
+    `limit` is the greatest deflection or rate of each surface; `deflection` (surfaces, 3) is the deflection or rate of
+    each surface per unit of each quantity.
     """
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

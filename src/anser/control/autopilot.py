@@ -1,8 +1,8 @@
 """The autopilot: three nested loops of nonlinear dynamic inversion (theory section 5, [TH]).
 
 The loops are functions: `rate_control` is the fast loop, `attitude_control` closes the attitude loop around the rate
-loop, and `velocity_control` closes the velocity loop around both. Every loop can be commanded directly, with programmed
-test inputs. The loops are sampled once per step; commands are constant over the step.
+loop, and `velocity_control` closes the velocity loop around both. The command to each loop can contain a test input.
+The loops are sampled once per step; commands are constant over the step.
 """
 
 import dataclasses
@@ -63,7 +63,7 @@ def rate_control(
     rates_command: Vector3,
     rates_command_dot: Vector3,
 ) -> tuple[SurfaceDemand, AutopilotState]:
-    """Compute actuator commands (rad) for commanded body rates (P, Q, R), rad/s, and their derivatives: fast loop.
+    """Close the fast loop: compute actuator commands (rad) for commanded body rates (P, Q, R), rad/s, and derivatives.
 
     Returns the commands with saturation flags, and the new state of the autopilot. The actuators' lag is inverted up to
     `gains.actuator_bandwidth`, or less if the sampling period is long. If no surface controls yaw, the yaw rate is not
@@ -100,7 +100,7 @@ def rate_control(
 
 
 def _bandwidth_factor(model: OnboardModel, gains: AutopilotGains) -> Scalar:
-    """Return the factor (0..1) on actuator and filter bandwidths that the sampling period allows."""
+    """Return the factor (0..1) by which a long sampling period reduces the bandwidths of actuators and filter."""
     # The commanded rate N (target - x) + B (target - present) is constant over a period. N and x are the bandwidth and
     # the state of the filter on deflections; B is the bandwidth of the actuators. In a period, a surface moves by T
     # (`travel_per_rate`) times the rate. Because of the derivative gain K_D, the target has the slope -K_D over the
@@ -121,7 +121,7 @@ def attitude_control(
     attitude_command_dot: Vector3,  # derivative of the command, rad/s
     added_rates_b: Vector3 | None = None,  # test input that is added to the command of the rate loop, rad/s
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
-    """Compute body-rate and surface commands for commanded (mu, alpha, beta), rad: attitude loop around the rate loop.
+    """Close attitude and rate loops: compute commands of body rates and surfaces for commanded (mu, alpha, beta), rad.
 
     Returns the commanded body rates (rad/s), the surface commands (rad) with saturation flags, and the new state of the
     autopilot. The returned body rates are limited, and do not contain `added_rates_b`.
@@ -163,7 +163,7 @@ def velocity_control(
     controller_state: AutopilotState,
     path_command: PathCommand,
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """Compute surfaces and throttle for a commanded airspeed, path angle and course through the air: all three loops.
+    """Close all three loops: compute surfaces and throttle for commanded airspeed, path angle and course in the air.
 
     Returns the controls, the signals to record, and the new state of the autopilot. The commanded airspeed is limited
     to the flight limits. The recorded commands are the values before the test inputs `path_command.excitation` are

@@ -57,14 +57,14 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`.
+    """Guidance that commands constant values, named like the inputs of a control law, and changes them once.
 
     Raises ValueError if `change` has a name that is not in `initial_commands`.
     """
 
     #: Commands from the start, SI units and radians.
     initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
-    #: Additions to commands of `initial_commands` from `change_time` on, by name, SI units and radians.
+    #: Values to add to the initial commands at `change_time`, by name, SI units and radians.
     change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_to_arrays)
     #: Time of the change, s.
     change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
@@ -149,7 +149,7 @@ class DaveMlLaw(AbstractController):
 
 
 def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power: str = "powerLeverAngle") -> DaveMlLaw:
-    """Build a controller from the control law in a DAVE-ML file.
+    """Build a controller from a control law; `model` is the content of a DAVE-ML file.
 
     Parameters
     ----------

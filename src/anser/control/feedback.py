@@ -68,9 +68,9 @@ def limit_to_braking(
     """Return the error, limited so that the loop approaches the reference no faster than `acceleration` can brake.
 
     The linear loop e_dot = -K e, K = K_P / (1 + K_D), needs the acceleration K^2 e, which exceeds L if |e| > L / K^2.
-    For a larger error, |e_dot| is limited to sqrt(2 L (|e| - L / (2 K^2))), which joins K |e| smoothly: the stop under
-    bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho, *Applied Optimal Control*, 1975). If the error
-    were not limited, large commands would drive the surfaces into a limit cycle between the stops.
+    For a larger error, |e_dot| is limited to sqrt(2 L (|e| - L / (2 K^2))), which joins K |e| smoothly. This is
+    time-optimal braking with bounded acceleration (A. E. Bryson, Y.-C. Ho, *Applied Optimal Control*, 1975). If the
+    error were not limited, large commands would drive the surfaces into a limit cycle between the stops.
     """
     bandwidth = jnp.maximum(gains.proportional / (1 + gains.derivative), 1e-6)
     linear_error_max = acceleration / bandwidth**2

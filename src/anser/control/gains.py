@@ -1,7 +1,7 @@
-"""Gains of the three loops: published ([TH], theory section 5), from bandwidths, or derived from the aircraft.
+"""Gains of the three loops: published ([TH], theory section 5), computed from bandwidths, or derived from the aircraft.
 
 For a flight from a scenario, `anser.scenario.build_aircraft` derives the gains once, before the flight, at the start
-altitude and the preferred airspeed; they are not scheduled. The library's F-16 has the published gains.
+altitude and the preferred airspeed; they are not scheduled. Exception: the library's F-16 has the published gains.
 """
 
 import equinox as eqx
@@ -75,11 +75,11 @@ def design_gains(
     derivative: Vector3 | float = 0.0,  # K_D
     feed_forward: Vector3 | float = 1.0,
 ) -> LoopGains:
-    """Compute gains for which the error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 have a bandwidth and a damping.
+    """Compute gains that give the error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 a bandwidth and a damping.
 
-    The bandwidth is K_P / (1 + K_D), the sum of both poles. The damping is the damping of the quadratic, which gives
-    K_I = (1 + K_D) (bandwidth / (2 damping))^2. The published gains are bandwidths of 5, 2 and 1 1/s with dampings of
-    sqrt(50), infinity and sqrt(10).
+    The bandwidth is K_P / (1 + K_D). The damping is the damping ratio of the two poles; from it follows
+    K_I = (1 + K_D) (bandwidth / (2 damping))^2. The published gains of rate, attitude and velocity loop have bandwidths
+    of 5, 2 and 1 1/s, and dampings of sqrt(50), infinity and sqrt(10).
     """
     xp = namespace(bandwidth, damping, derivative, feed_forward)
     bandwidth, damping, derivative, feed_forward = (
@@ -167,7 +167,7 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: AirDataAndForces, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector3:
-    """Return the least stiffness of the loops (1/s^2; P, Q, R) that tolerates `_GAIN_MARGIN` on the actuators' gain."""
+    """Return the least stiffness (1/s^2) at which the P, Q, R loops bear `_GAIN_MARGIN` times the actuators' gain."""
 
     # Stiffness is angular acceleration per rad of error. Inversion replaces the natural stiffness S by the stiffness C
     # of the loops. With k times the nominal gain, an actuator with lag tau and bandwidth B after inversion moves r

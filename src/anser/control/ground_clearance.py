@@ -27,7 +27,7 @@ _PULL_MIN = 0.1  # of gravity: least assumed pull if the lift hardly carries the
 def level_off_height(
     speed: ScalarLike,  # airspeed, m/s
     sink: ScalarLike,  # vertical speed, down positive, m/s
-    fall: ScalarLike,  # present downward acceleration, m/s^2: a path in a push-over steepens until the pull acts
+    fall: ScalarLike,  # present downward acceleration, m/s^2, assumed to last until the pull acts
     bank: ScalarLike,  # bank about the velocity, rad; the aircraft rolls out first, without lift beyond 60 deg
     pull: ScalarLike,  # upward acceleration normal to the path, in addition to carrying the weight, m/s^2
 ) -> Scalar:
@@ -72,7 +72,7 @@ def _arc_height(speed_squared: Scalar, sink: Scalar, pull: Scalar) -> Scalar:
 
 
 def _one_minus_cosine(sine_squared: Scalar) -> Scalar:
-    """Compute 1 - cos(angle) from sin(angle)^2 without cancellation; nearly 1 for a square of 1 or more (vertical)."""
+    """Compute 1 - cos(angle) from sin(angle)^2 without cancellation; a square above 1 counts as 1 (vertical)."""
     limited_square = jnp.minimum(sine_squared, 1.0 - 1e-9)
     return limited_square / (1 + jnp.sqrt(1 - limited_square))
 
@@ -106,7 +106,8 @@ def ground_clearance(
     -----
     The floor is 30 m below the least altitude, but not below the ground, because paths may follow the least altitude
     with tracking errors of metres. The height needed is `level_off_height` with three quarters of the available pull.
-    The available pull is 0.9 of the lift at alpha_max, or the greatest load factor, minus the weight.
+    With the lift L at alpha_max, the available pull is the smaller of 0.9 L / m and the greatest load factor times g,
+    minus g.
     """
     state, condition, mass = belief.state, belief.condition, belief.airframe.mass_properties.mass
     gravity, altitude = condition.earth.gravity, -state.position_n[2]

@@ -51,13 +51,13 @@ class FollowPlan(AbstractGuidance):
 
 
 def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
-    """Return ground velocity and wind as rates of the coordinates in the Earth's chart (local map), NED, m/s."""
+    """Return the velocity over the ground and the wind as rates in the Earth's local map (chart), NED, m/s."""
     scale = belief.condition.earth.chart_scale
     return scale * velocity_over_ground_n(belief.condition, belief.state), scale * belief.condition.wind_n
 
 
 def command_from_chart(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
-    """Convert a command from rates of the chart coordinates (local map) to velocities through the air, m/s and rad."""
+    """Convert a command from rates in the Earth's local map (chart) to velocities through the air, m/s and rad."""
     if isinstance(environment.earth, FlatEarth):  # chart rates are velocities
         return command
     return rescale_command(command, 1.0 / belief.condition.earth.chart_scale)
@@ -100,9 +100,9 @@ def hold(
     """Compute the command (through the air) that flies on after the arrival and joins a circle around the goal.
 
     The command is a vector field around the goal: the outward radial, turned by an angle theta. With the ratio x of
-    distance to radius, theta is pi/2 x^2 (2.5 - 1.5 x) inside the circle, pi/2 on the circle, and greater outside. The
-    aircraft flies straight through the arrival, because the curvature inside starts from 0. The curvature inside stays
-    below 3 / radius.
+    distance to radius, theta is pi/2 x^2 (2.5 - 1.5 x) inside the circle, pi/2 on the circle, and greater outside. At
+    the goal, the paths of the field have no curvature, and an arriving aircraft flies straight on. Inside the circle,
+    the curvature stays below 3 / radius.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
     arrival_axis = arrival_direction_n[:2] / jnp.maximum(
@@ -135,7 +135,7 @@ def hold(
 
 
 def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
-    """Limit the change of the commanded path angle to a pull or push of 6 m/s^2, and keep the horizontal speed."""
+    """Limit the path angle relative to `present` to a pull or push of 6 m/s^2, and keep the horizontal speed."""
     # the path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path
     change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
@@ -152,7 +152,7 @@ def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
 
 
 def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) -> PathCommand:
-    """Limit the change of the commanded course to 45 deg; `turn` is +1 for a hold to the right, -1 to the left."""
+    """Limit the course to 45 deg from the `present` course; `turn` is +1 for a hold to the right, -1 to the left."""
     change = wrap_angle(command.chi - present.chi)
     # a change of more than 120 deg against the hold is flown the long way round: the turn never reverses
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)

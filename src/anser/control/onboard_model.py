@@ -37,9 +37,9 @@ def path_motion(
 ) -> PathMotion:
     """Compute path and attitude angles and their rates by the wind-axis equations of theory section 2.
 
-    `slow_force_b` (N) is the non-gravitational force for `force_rates` (see `OnboardModel`); the path rates use the
+    `force_rates` follow from the non-gravitational force `slow_force_b` (N, see `OnboardModel`), path rates from the
     present force in `condition`. `velocity_b` is the velocity over the ground, body axes, m/s; `gravity` is positive,
-    m/s^2. Vertical flight and a sideslip of 90 deg are outside the domain.
+    m/s^2. The equations are not valid in vertical flight or at a sideslip of 90 deg.
     """
     alpha, beta = condition.air_data.alpha, condition.air_data.beta
     velocity_air_n = rotate_back(condition.R_bn, velocity_b) - condition.wind_n

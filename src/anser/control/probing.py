@@ -88,7 +88,7 @@ def _blank(values: Array) -> Array:
 def probing_controller(
     controller: AbstractController, surfaces: int, amplitude: ScalarLike, *, learning_time: ScalarLike = 0.0
 ) -> ProbingController:
-    """Build a controller that adds test inputs of greatest magnitude `amplitude` (rad) to `surfaces` surfaces.
+    """Build a controller that adds test inputs up to `amplitude` (rad) to the surfaces; `surfaces` is their number.
 
     Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The surfaces take
     the harmonics in turn, starting with the second, so that the inputs are orthogonal over a period of 5 s. Until

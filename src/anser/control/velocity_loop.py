@@ -1,4 +1,4 @@
-"""Velocity loop: airspeed, path angle and course to thrust, angle of attack and bank (theory section 5, item 3)."""
+"""Velocity loop: thrust, alpha and bank for commanded rates of airspeed, path angle and course (theory section 5)."""
 
 import dataclasses
 
@@ -34,11 +34,13 @@ class AttitudeDemand(eqx.Module):
     """Command of the velocity loop to the attitude loop, and flags of limits."""
 
     angles: Vector3  # (mu, alpha, beta), rad
-    # the path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited
+    # whether the path angle is not followed: alpha or load factor is at a limit, a push-over is limited, or the bank
+    # error exceeds 60 deg
     alpha_saturated: Flag
-    bank_saturated: Flag  # the course is not followed: bank or bank rate at a limit, bank faded out, or too little lift
-    lift_short: Flag  # the turn is reduced because of the lift at alpha_max
-    load_factor_short: Flag  # the turn is reduced because of the greatest load factor
+    # whether the course is not followed: bank or bank rate is at a limit, or the lift does not suffice for the turn
+    bank_saturated: Flag
+    lift_short: Flag  # whether the turn is reduced because of the lift at alpha_max
+    load_factor_short: Flag  # whether the turn is reduced because of the greatest load factor
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
@@ -101,9 +103,9 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     """Compute bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) in coordinated flight (beta = 0).
 
     The bank is mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), with the side force Y of
-    an asymmetric aircraft and the resultant a of both arguments. Alpha follows from the forces normal to the path at
-    the present bank: m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu). L is `lift_at_alpha` with the
-    measured residual. If the bank error exceeds 60 deg (an upset), the aircraft unloads first.
+    an asymmetric aircraft, and the root a of the sum of squares of both arguments of atan2. Alpha follows from the
+    forces normal to the path at the present bank: m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu). L is
+    `lift_at_alpha`, including the measured residual. If the bank error exceeds 60 deg, the lift is first reduced.
 
     If the command needs more than 0.9 of the lift at alpha_max, or more than the greatest load factor, V gamma_dot and
     V cos(gamma) chi_dot are reduced by a common factor; the lift that carries the weight is not reduced.

@@ -3,9 +3,12 @@
 ==================  ====================================================================================================
 ``model``           model: content of a file and evaluator; comparison with its check shots
 ``definition``      content of a file as plain data
-``reader``          text to definition; ``elements``: XML elements with their position in the file
-``writer``          model to text
-``evaluator``       computation of a model in JAX; ``formulas``: formulas, ``tables``: table functions
+``reader``          conversion of text to a definition
+``elements``        XML elements with their position in the file
+``writer``          conversion of a model to text
+``evaluator``       computation of a model in JAX
+``formulas``        formulas of computed variables
+``tables``          functions given by tables
 ``standard_units``  units, conversion to SI, units permitted for standard variables
 ==================  ====================================================================================================
 """

@@ -42,7 +42,7 @@ class SourceLocation:
     column: int | None = None
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at this position."""
+        """Return an error at this position; `arrived` describes the faulty content, `expected` the correct one."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
@@ -51,9 +51,9 @@ class Variable:
     """Variable of a DAVE-ML file: input, output, state, constant or computed quantity."""
 
     id: str  #: varID.
-    name: str  #: Name, for standard variables by ANSI/AIAA S-119.
+    name: str  #: Name; of a standard variable, the name in ANSI/AIAA S-119.
     units: str  #: Units of `initial`, `minimum` and `maximum`, as written in the file.
-    description: str = ""
+    description: str = ""  #: From here to `symbol`: documentation, as written in the file.
     axis_system: str = ""
     sign: str = ""
     alias: str = ""
@@ -70,7 +70,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Described:
-    """Base class of tables and breakpoints with their documentation; `units` are empty if the file omits them."""
+    """Base class of tables and breakpoints: documentation from the file. `units` is empty if the file has none."""
 
     name: str = ""
     units: str = ""
@@ -112,13 +112,13 @@ class Argument:
     id: str
     minimum: float | None = None  #: None: no limit.
     maximum: float | None = None  #: None: no limit.
-    extrapolate: Extrapolate = "neither"  #: Ends of the table with extrapolation; elsewhere the end value is held.
+    extrapolate: Extrapolate = "neither"  #: Ends of the table beyond which values are extrapolated instead of held.
     interpolate: Interpolate = "linear"
 
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """Function of a DAVE-ML file: computes the variable `result` from a gridded or ungridded table.
+    """Function of a DAVE-ML file, which computes the variable `result` (varID) from the table `table` (gtID or utID).
 
     The arguments are in the order of the table's axes.
     """

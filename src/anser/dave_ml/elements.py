@@ -66,11 +66,11 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at this element."""
+        """Return an error at this element; `arrived` describes the faulty content, `expected` the correct one."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
     def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
-        """Raise DaveMlError for a forbidden attribute or child, or for a repeated child of a tag in `once`.
+        """Raise DaveMlError for attributes and children that no argument lists, and for repeated children in `once`.
 
         Attributes of XML itself (``xml...``) and attributes with a namespace prefix are always permitted.
         """

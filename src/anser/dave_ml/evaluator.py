@@ -1,4 +1,4 @@
-"""Evaluator: the computation of a DAVE-ML model in JAX, for one time and one aircraft; `vmap` for several."""
+"""Evaluator: the computation of a DAVE-ML model in JAX at one time; `jax.vmap` gives several times or aircraft."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -42,7 +42,7 @@ class Quantity:
     name: str
     units: str
     formula: Formula | None  #: None for inputs, constants and table results.
-    sources: tuple[str, ...]  #: varIDs in the formula or of the table's arguments.
+    sources: tuple[str, ...]  #: varIDs of the variables in the formula, or of the table's arguments.
     level: int  #: Number of successive table lookups from the inputs to the variable.
     limits: tuple[float | None, float | None]  #: Minimum and maximum in the file's units; None: no limit.
 
@@ -81,7 +81,7 @@ class Structure:
     def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
         """Return the varIDs of all variables needed to compute the `targets`, the targets included.
 
-        The sources of variables in `available` are not followed. All arguments are varIDs.
+        All arguments are varIDs. Variables in `available` have known values and need no further variables.
         """
         required: set[str] = set()
         pending = list(targets)
@@ -97,7 +97,8 @@ class Structure:
 def make_structure(definition: Definition) -> Structure:
     """Return the computation graph of a file.
 
-    Raises DaveMlError if a source does not exist, or a variable has two sources or depends on itself.
+    Raises DaveMlError if a formula or function uses a variable that does not exist, or if a variable is defined twice
+    (input, formula, function) or depends on itself.
     """
     functions = _by_result(definition)
     sources: dict[str, tuple[str, ...]] = {}
@@ -206,7 +207,7 @@ class Evaluator(eqx.Module):
     """
 
     constants: dict[str, Scalar]  #: By varID: constants, values calculated from constants, and defaults of inputs.
-    #: One tuple per stage. The tables of a stage depend on inputs, formulas and earlier stages only.
+    #: One tuple of tables per stage of the computation; a stage needs inputs, formulas and earlier stages only.
     tables: tuple[tuple[Lookup | ScatteredTable, ...], ...]
     structure: Structure = eqx.field(static=True)
 
@@ -269,8 +270,8 @@ class Evaluator(eqx.Module):
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
         """Return a copy with changed constants or defaults, in the file's units, by varID or name.
 
-        Values that the file calculates from these constants are updated. A calculated value may be set too; a later
-        change of its sources calculates the value again. Raises ValueError if a variable is no constant.
+        Values that the file calculates from the changed constants are updated. A calculated value may be changed too,
+        and keeps the change until the constants in its formula change. Raises ValueError if a variable is no constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
@@ -316,7 +317,7 @@ class Evaluator(eqx.Module):
 
 
 def _number(value: ScalarLike) -> Array:
-    """Return a number as a floating-point array; an existing floating-point precision is preserved."""
+    """Convert a number to a floating-point array; the precision of a floating-point number does not change."""
     array = jnp.asarray(value)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
@@ -331,8 +332,8 @@ def _clip(value: Any, limits: tuple[float | None, float | None], xp: Any = jnp) 
 def make_evaluator(definition: Definition) -> Evaluator:
     """Build the evaluator of the definition of a DAVE-ML file.
 
-    Raises DaveMlError if a variable has a missing source, two sources or depends on itself, a formula of constants
-    gives NaN or infinity, or a table cannot be interpolated.
+    Raises DaveMlError for the faults that `make_structure` and `compute_constants` refuse, or if a table cannot be
+    interpolated.
     """
     with jax.ensure_compile_time_eval():  # concrete numbers, even if a traced function reads a file
         return _compile_definition(_sorted_lines(definition))
@@ -359,7 +360,7 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """Return a copy of a definition with each ungridded table of one coordinate also as a gridded table.
+    """Return a copy of a definition to which each ungridded table of one coordinate is added as a gridded table.
 
     The gridded table has the utID as identifier. Raises DaveMlError if two points have the same coordinate.
     """

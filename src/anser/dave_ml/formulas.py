@@ -263,10 +263,10 @@ def _format_formula(formula: Formula) -> str:
 
 
 def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` with `slopes` as partial derivatives, and with 0 in place of derivatives that are not finite.
+    """Return `function` with the partial derivatives `slopes`, or 0 in place of a derivative that is not finite.
 
-    `slopes` are functions of the arguments and the value. A derivative that is not finite, in an unselected branch or
-    at a singular point, would turn the whole gradient into NaN.
+    There is one slope for each argument, a function of all arguments and of the value of `function`. A derivative that
+    is not finite, in an unselected branch or at a singular point, would turn the whole gradient into NaN.
     """
 
     @jax.custom_jvp
@@ -373,7 +373,7 @@ _FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or"
 def _arithmetic(
     xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
 ) -> Arithmetic:
-    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`."""
+    """Build the evaluation from the functions of `xp` (NumPy or `jax.numpy`); `replacements`, by name, come first."""
     functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
     functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
     divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))

@@ -1,4 +1,4 @@
-"""DAVE-ML model: definition with evaluator; comparison with check shots; other variable names and input defaults."""
+"""DAVE-ML models: reading, evaluation, check shots, and changes of variable names and input defaults."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -98,7 +98,7 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
 
 
 def _to_variable_units(definition: Definition, signal: Signal) -> tuple[float, float]:
-    """Return a signal's value in the units of its variable, and the conversion factor for differences."""
+    """Return a signal's value in the units of its variable, and the factor that converts the tolerance."""
     variable = definition.variables[signal.id]
     if signal.units == variable.units:
         return signal.value, 1.0

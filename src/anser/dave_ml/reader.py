@@ -74,7 +74,7 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables, by identifier; no identifier may be repeated or be in `used_identifiers`."""
+    """Reader that stores breakpoints and tables by identifier; identifiers must be new, not in `used_identifiers`."""
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -83,7 +83,7 @@ class TableReader:
         self._used_identifiers = set(used_identifiers)
 
     def _identifier(self, element: Element, attribute: str, base: str | None = None) -> str:
-        """Return the identifier in an attribute; for a table inside a function, an unused text starting with `base`."""
+        """Return the identifier in `attribute`; for a table inside a function, a new one that starts with `base`."""
         if base is None or element.tag.endswith("Def"):
             identifier = element.attribute(attribute)
             if identifier in self._used_identifiers:
@@ -133,8 +133,8 @@ class TableReader:
     def read_gridded_table(self, element: Element, base: str | None = None) -> str:
         """Add the table of a ``<griddedTableDef>`` or ``<griddedTable>`` to `gridded`; return its identifier.
 
-        The identifier is the gtID. A ``<griddedTable>``, a table inside a function, gets an unused text that starts
-        with `base`.
+        The identifier of a ``<griddedTableDef>`` is the gtID. A ``<griddedTable>``, which stands inside a function,
+        gets a new identifier that starts with `base`.
         """
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
@@ -152,8 +152,8 @@ class TableReader:
     def read_ungridded_table(self, element: Element, base: str | None = None) -> str:
         """Add the table of an ``<ungriddedTableDef>`` or ``<ungriddedTable>`` to `ungridded`; return its identifier.
 
-        The identifier is the utID. An ``<ungriddedTable>``, a table inside a function, gets an unused text that starts
-        with `base`.
+        The identifier of an ``<ungriddedTableDef>`` is the utID. An ``<ungriddedTable>``, which stands inside a
+        function, gets a new identifier that starts with `base`.
         """
         element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
         points: list[np.ndarray] = []
@@ -197,7 +197,7 @@ class TableReader:
         return Function(element.attribute("name"), result, arguments, table, **_documentation(element))
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
-        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier."""
+        """Store breakpoints and table from inside a function (``<dependentVarPts>``); return the table's identifier."""
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):

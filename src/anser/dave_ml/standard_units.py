@@ -125,7 +125,7 @@ def _parse_unit(name: str) -> Unit | None:
 
 @functools.lru_cache(maxsize=4096)
 def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
-    """Return the units and powers in a text of adjacent unit names, longer names first; None if impossible.
+    """Split a text of adjacent unit names into units and powers, longer names first; return None if impossible.
 
     Without the cache, the parse time of some names grows exponentially.
     """
@@ -219,8 +219,8 @@ STANDARD_MEASURES: Final[dict[str, Measure]] = {
 def refuse_wrong_units(definition: Definition) -> None:
     """Raise DaveMlError if a standard variable or a table has wrong units.
 
-    A standard variable needs a known unit of the right dimension. Units stated at breakpoints or table must equal the
-    units of the variable.
+    A standard variable needs a known unit of the right dimension. Units stated for a table must equal the units of the
+    function's result; units stated for breakpoints must equal the units of the function's argument.
     """
     for variable in definition.variables.values():
         refuse_nonstandard_units(variable)

@@ -21,22 +21,22 @@ PACKED_NUMBERS_MAX: Final = 4_000_000
 
 
 class Lookup(eqx.Module):
-    """Gridded functions that are looked up together."""
+    """Gridded functions that are looked up together; functions on the same axes form a group."""
 
     tables: Tables
     arguments: tuple[str, ...] = eqx.field(static=True)  #: Variable (varID) on each axis.
-    results: tuple[tuple[str, ...], ...] = eqx.field(static=True)  #: Dependent variables (varID) of each group.
+    results: tuple[tuple[str, ...], ...] = eqx.field(static=True)  #: Results (varID) of the functions in each group.
     interpolation: tuple[Interpolate, ...] = eqx.field(static=True)  #: Kind of interpolation on each axis.
 
     @property
     def result_names(self) -> tuple[str, ...]:
-        """VarIDs of the dependent variables of all groups."""
+        """VarIDs of the results of all functions."""
         return tuple(result for group in self.results for result in group)
 
     def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
-        """Return the requested results by varID, not clipped.
+        """Return the `requested` results by varID, before clipping to the limits of the variables.
 
-        `values` must have the arguments of the requested tables.
+        `values`, by varID, must contain the arguments of the requested functions.
         """
         groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(requested)]
         axes = sorted({axis for k in groups for axis in self.tables.axis_indices[k]})
@@ -118,9 +118,9 @@ def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
 
 
 def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple[Lookup, ...]:
-    """Return the lookups, at most two, of gridded functions that can be looked up together.
+    """Return one lookup for the gridded functions on evenly spaced axes, and one for all other gridded functions.
 
-    Functions on evenly spaced axes get a separate lookup, which computes the cell index without a search.
+    Even spacing allows a lookup without a search for the cell. A lookup without functions is left out.
     """
     gridded: dict[Function, tuple[list[_Axis], np.ndarray]] = {}
     for function in functions:
@@ -183,7 +183,7 @@ class ScatteredTable(eqx.Module):
     """
 
     # s simplices with d + 1 corners, and f facets of the hull
-    to_barycentric: Float[Array, "s d d"]  #: Coordinates relative to the origin to first d barycentric coordinates.
+    to_barycentric: Float[Array, "s d d"]  #: Matrix from x - origin to the first d barycentric coordinates.
     origins: Float[Array, "s d"]
     corners: Int[Array, "s c"]  #: Indices of the corners in `values`.
     facet_origins: Float[Array, "f d"]

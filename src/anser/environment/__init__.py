@@ -1,7 +1,7 @@
 """Atmosphere, wind, gusts, turbulence, gravity and the Earth.
 
 ================  =====================================================================================================
-``environment``   interface of wind fields, steady and layered wind, and atmosphere, wind and Earth combined
+``environment``   interface of wind fields; steady and layered wind; `Environment` of atmosphere, wind and Earth
 ``gridded_wind``  wind on a grid of a weather model
 ``atmosphere``    interface of the atmosphere, U.S. Standard Atmosphere 1976, off-standard days and soundings
 ``air``           tables of air layers; conversion between true, calibrated and equivalent airspeed

@@ -124,7 +124,7 @@ def humid_layers(
 ) -> "Layers":
     """Return the table of layers of the standard atmosphere with moist air below the tropopause.
 
-    The relative humidity, 0 to 1, is constant up to 10.5 km geopotential altitude; the air is dry above 11 km. For
+    The relative humidity, 0 to 1, is constant up to 10.5 km geopotential altitude and falls to 0 at 11 km. For
     temperature offset (K) and sea-level pressure (Pa) see `standard_layers`.
     """
     bases = np.arange(0.0, BASES_M[1], _HUMID_STEP_M)
@@ -168,7 +168,7 @@ def measured_layers(
 
 
 def padded_layers(layers: Layers, count: int) -> "Layers":
-    """Return a table of `count` layers (at least `len(layers)`) with unchanged air; the top layer is cut every 1 km."""
+    """Return a table of the same air with `count` layers, at least `len(layers)`: the top layer is split every km."""
     missing = count - len(layers)
     heights = layers[-1, 0] + 1000.0 * np.arange(1.0, missing + 1.0)
     air = air_at_geopotential(layers, heights)

@@ -66,7 +66,7 @@ class LocalEarth(eqx.Module):
     apparent_gravity_n: Vector3
     earth_rate_n: Vector3  #: Angular velocity of the Earth, rad/s.
     transport_rate_n: Vector3  #: Angular velocity of the travelling NED axes relative to the Earth, rad/s.
-    chart_scale: Vector3  #: Rates of the chart coordinates (north, east, down) over the velocity components.
+    chart_scale: Vector3  #: Rates of the chart coordinates divided by the velocity (north, east, down).
 
 
 class AbstractEarth(eqx.Module):
@@ -135,9 +135,9 @@ class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
     The chart is the flat-Earth map of theory section 1, without approximation (`geodetic_from_flat`). North depends on
-    latitude alone, east on longitude alone, down on height alone. `chart_scale` differs from 1 by about the distance
-    from the origin over the Earth's radius, also times tan(latitude). No path may be planned across a pole or across
-    the meridian opposite to the origin, because neighbouring points on both sides are far apart in the chart.
+    latitude alone, east on longitude alone, down on height alone. With the distance d from the origin and the Earth's
+    radius R, `chart_scale` differs from 1 by at most about (1 + |tan(latitude)|) d/R. No path may be planned across a
+    pole or the meridian opposite to the origin, because neighbouring points on both sides are far apart in the chart.
     """
 
     ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.

@@ -69,7 +69,7 @@ class Environment(eqx.Module):
 
     @property
     def gravity(self) -> Scalar:
-        """Effective gravity at the chart's origin, m/s^2, which planning and scaling use everywhere."""
+        """Effective gravity at the chart's origin, m/s^2; planning uses this value at all positions."""
         return self.earth.gravity_at_origin
 
 

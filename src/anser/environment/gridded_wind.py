@@ -1,4 +1,4 @@
-"""Wind on a grid in time, altitude and two horizontal axes, as weather models write it: linear in all dimensions."""
+"""Wind of a weather model on a grid in time, altitude and two horizontal axes, with linear interpolation."""
 
 from itertools import product
 
@@ -35,14 +35,14 @@ class GriddedWind(AbstractWind):
     altitude_min, altitude_max
         Least and greatest altitude at which every column has wind, m.
     radii
-        Radii (m) with which the chart maps latitude and longitude to north and east; None: the axes are in m.
+        Radii (m) for `angle_on_flat_map`, north and east, if the axes are in rad; None if the axes are in m.
     is_geopotential
         Whether the altitudes of the field are geopotential.
     interval_count
         Number of neighbouring intervals between levels to search for an altitude; more than 1 if one altitude lies in
         different intervals at different nodes.
     is_held
-        True: a flight may leave the grid and then meets the wind of the boundary; False: see `has_left_field`.
+        True: beyond the grid a flight meets the wind at the boundary. False: `has_left_field` is True beyond the grid.
     """
 
     columns: Float[Array, "node level 4"]
@@ -101,9 +101,9 @@ class GriddedWind(AbstractWind):
 
 
 def has_left_field(wind: AbstractWind, position_n: Vector3, time: ScalarLike) -> Flag:
-    """Whether a flight at a chart position (NED, m) and a time (s) has left a gridded wind that ends at its boundary.
+    """Whether a chart position (NED, m) or a time (s) lies beyond the grid of a `GriddedWind` without `is_held`.
 
-    False for every other wind, and for a gridded wind with `is_held`.
+    For every other wind the result is False.
     """
     if isinstance(wind, GriddedWind) and not wind.is_held:
         return wind.is_outside(position_n, time)

@@ -33,7 +33,7 @@ class AbstractShapingFilter(eqx.Module):
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
         """Return the state transition matrix over a time span (in units of L/V), and a root of the noise covariance.
 
-        The noise covariance is root times transposed root.
+        The noise covariance over the span is the root times the transposed root.
         """
 
     @abc.abstractmethod
@@ -64,7 +64,7 @@ class FirstOrderFilter(AbstractShapingFilter):
         return 1
 
     def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
-        """Return a random state with the stationary distribution, from a standard normal."""
+        """Return a random state with the stationary distribution, from a standard normal random number."""
         return normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "1 1"], Float[Array, "1 1"]]:
@@ -128,7 +128,7 @@ class ModalFilter(AbstractShapingFilter):
         return len(self.poles)
 
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
-        """Return a random state with the stationary distribution, from standard normals."""
+        """Return a random state with the stationary distribution, from standard normal random numbers."""
         sums = np.add.outer(self.poles, self.poles)
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
 
@@ -145,7 +145,7 @@ class ModalFilter(AbstractShapingFilter):
 
 
 def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
-    """Return the Cholesky factor of a small matrix; a pivot made negative by rounding becomes a tiny number."""
+    """Return the Cholesky factor of a matrix of `count` rows; a pivot not above 0, by rounding, is made positive."""
     lower: list[list[Array]] = []
     for i in range(count):
         lower_row: list[Array] = []

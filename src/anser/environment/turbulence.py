@@ -109,7 +109,7 @@ class Turbulence(AbstractGusts):
 
     Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down. (The standards take
     the direction of the mean flow past the aircraft.) Above 2,000 ft the axes are the body axes. In between, the gust
-    is a mean of both, with a weight linear in height. Gusts are constant between samples.
+    is the mean of the gusts in both axes, with a weight linear in height. Gusts are constant between samples.
 
     The rates are rates of the air: q is minus the gradient of w along the flight, and r is the gradient of v, both
     after a low-pass filter; p is independent noise. The standards print the opposite signs, for rates of the aircraft
@@ -124,7 +124,7 @@ class Turbulence(AbstractGusts):
 
     @property
     def filters(self) -> tuple[AbstractShapingFilter, AbstractShapingFilter]:
-        """Two shaping filters: of the longitudinal gust u, and of each of the transverse gusts v and w."""
+        """Two shaping filters: one for the longitudinal gust u, one for each of the transverse gusts v and w."""
         if self.family == "dryden":
             return DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE
         return VON_KARMAN_LONGITUDINAL, VON_KARMAN_TRANSVERSE
@@ -198,17 +198,17 @@ class Turbulence(AbstractGusts):
 
 
 def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scalar:
-    """Return the standard deviation of the gust roll rate, rad/s, from scale length L (m) and intensity (m/s) of w.
+    """Return the standard deviation of the gust roll rate, rad/s, from scale length and intensity of the gust w.
 
-    `span` is the wing span b, m. The variance is the integral of (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w
-    / pi V)^2), the spectrum of the standards, over the angular frequency w.
+    `length` L and wing span `span` b are in m, `sigma` in m/s. The variance is the integral of (sigma^2 / (V L)) 0.8
+    (pi L / 4 b)^(1/3) / (1 + (4 b omega / pi V)^2), the spectrum of the standards, over the angular frequency omega.
     """
     ratio = 0.8 * (np.pi * jnp.asarray(length) / (4.0 * span)) ** (1.0 / 3.0)
     return sigma * jnp.sqrt(ratio * np.pi**2 / (8.0 * span * length))
 
 
 def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: ScalarLike) -> Scalar:
-    """Return the state of a first-order lag after a time span in which the input changes linearly; exact.
+    """Return the exact state of a first-order lag after a time span in which the input changes linearly.
 
     `span` is the time span over the lag's time constant. `former_input` and `new_input` are the inputs at the start and
     at the end of the span.

@@ -2,12 +2,12 @@
 
 ===========================  ==========================================================================================
 ``registry``                 ``make``: an environment from a task, an aircraft, air, sensors and cases
-``environment``              environment of one aircraft: reset, step, observation; base of the fleet's environment
+``environment``              environment of one aircraft, and the functions that a fleet's environment shares with it
 ``fleet``                    environment of several cooperating aircraft, also with dictionaries by agent
 ``tasks``                    interface of tasks; commanded velocity, altitude, attitude, and recovery from upsets
 ``planned_tasks``            tasks with a plan: path tracking and arrival
 ``actions``                  levels of action: surfaces and throttle, body rates, velocity commands
-``spaces``                   spaces of observations and actions, and the tables of their entries
+``spaces``                   spaces of observations and actions; names, units and scales of the entries
 ``cases``                    start, air and task of each episode, made before the first step
 ``episodes``                 flights under a policy: scores and records; the scripted expert
 ``gymnasium_environments``   environments for Gymnasium

@@ -38,7 +38,7 @@ class DirectControls(AbstractController):
 
 
 class AutopilotStep(NamedTuple):
-    """One step of the expert's autopilot, which an action level converts to an equivalent action."""
+    """One step of the autopilot with which the scripted expert flies; see `AbstractActionLevel.action`."""
 
     command: Any  # command to the autopilot: `PathCommand` or `LoopCommand`
     controls: Controls  # resulting surfaces (rad) and throttle
@@ -53,7 +53,7 @@ class AbstractActionLevel(eqx.Module):
 
     @abc.abstractmethod
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of an action's entries, in the order of the action.
+        """Return name, unit and scale of each entry of an action, in the order of the action.
 
         The arrays of `autopilot` and `airframe` must be concrete, not traced by JAX.
         """
@@ -97,7 +97,7 @@ class SurfaceLevel(AbstractActionLevel):
     decision_s: float = eqx.field(static=True, default=0.01)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of an action's entries: commanded surfaces and throttle."""
+        """Return name, unit and scale of the commanded surfaces and the throttle, which are an action's entries."""
         index, low, high = _commanded(airframe.actuators)
         stops = zip(index, np.asarray(low) * RAD_DEG, np.asarray(high) * RAD_DEG, strict=True)
         positions = surface_variables(airframe.actuators.names)
@@ -133,7 +133,7 @@ class RateLevel(AbstractActionLevel):
     decision_s: float = eqx.field(static=True, default=0.05)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of an action's entries: three body rates and throttle."""
+        """Return name, unit and scale of three body rates and the throttle, which are an action's entries."""
         axes, limits = ("roll", "pitch", "yaw"), np.asarray(autopilot.limits.rates_max) * RAD_DEG
         rates = zip(axes, limits, strict=True)
         return (*(_command(f"{axis}_rate_deg_s", -limit, limit) for axis, limit in rates), _THROTTLE)
@@ -154,18 +154,18 @@ class RateLevel(AbstractActionLevel):
 
 
 class VelocityLevel(AbstractActionLevel):
-    """Action level that commands airspeed, path angle, and change of the course from the start of the decision.
+    """Action level that commands airspeed, path angle, and a change of the course.
 
-    The airspeed covers the autopilot's limits.
+    The airspeed ranges over the autopilot's limits. The change adds to the course at the start of the decision.
     """
 
     decision_s: float = eqx.field(static=True, default=0.1)
     path_angle_max: float = eqx.field(static=True, default=20.0 * DEG_RAD)  #: Greatest path angle up or down, rad.
-    #: Greatest change of the course to either side, rad. A change has no jump at a course of +-180 deg.
+    #: Greatest change of the course to either side, rad. Unlike the course, a change has no jump at +-180 deg.
     course_change_max: float = eqx.field(static=True, default=90.0 * DEG_RAD)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of an action's entries: airspeed, path angle and change of the course."""
+        """Return name, unit and scale of airspeed, path angle and change of the course, the entries of an action."""
         path_angle, course = self.path_angle_max * RAD_DEG, self.course_change_max * RAD_DEG
         return (
             _command("airspeed_m_s", autopilot.limits.speed_min, autopilot.limits.speed_max),
@@ -178,7 +178,7 @@ class VelocityLevel(AbstractActionLevel):
         return autopilot
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> PathCommand:
-        """Convert an action to airspeed (m/s), path angle and course (rad) relative to the air, with rates of 0."""
+        """Convert an action to a path through the air: airspeed (m/s), path angle and course (rad), and rates of 0."""
         zero = jnp.zeros_like(action[0])
         V = _from_unit(action[0], autopilot.limits.speed_min, autopilot.limits.speed_max)
         chi = wrap_angle(_course(belief) + self.course_change_max * action[2])

@@ -1,6 +1,6 @@
 """Cases of an environment: start, air and task of each episode, made before the first step.
 
-The key of a reset selects one of the cases. The tables of a scenario file describe aircraft, air and sensors.
+The argument `key` of `reset` selects one of the cases. Tables as in a scenario file give aircraft, air and sensors.
 """
 
 import dataclasses
@@ -45,7 +45,7 @@ class Case(eqx.Module):
     vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot; `mission` is None.
     environment: Environment  #: Air and Earth.
     start: TrimPoint  #: State and controls at the start: a steady flight, except in tasks such as `UpsetRecovery`.
-    task: Any  #: Numbers of the task, such as commands: the part of `AbstractTask.draw` for this episode.
+    task: Any  #: Data of the task in this episode, such as the commands that `AbstractTask.draw` has drawn.
     decisions: Integer  #: Number of decisions of a full episode, after which the episode is truncated.
 
     @property
@@ -129,7 +129,7 @@ _MISSION_KEYS = "goal", "bend", "arrive_s", "arrive_from_s", "arrive_to_s", "ren
 
 
 def _refuse(paths: Iterable[str]) -> None:
-    """Raise ScenarioError if `paths` has items: keys and tables that have no effect in an environment."""
+    """Raise ScenarioError if there are any `paths`, which are keys and tables without effect in an environment."""
     expected = (
         f"none: an aircraft without a mission has the tables {', '.join(_TABLES)} (events of the kinds "
         f"{', '.join(_EVENTS)}; no guidance or planner among the parts), a table aircraft without "
@@ -209,7 +209,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
-    """Draw `count` random steady flights in the range `flown`: trim points with a leading axis.
+    """Draw `count` random steady flights in the range `flown`; return their trim points with a leading axis.
 
     The flights climb, descend and turn, on any course. Raises ValueError if at most 2 % of the drawn conditions are
     steady flights within the aircraft's limits.
@@ -244,11 +244,11 @@ def stack_cases(
 ) -> Stacked[Case]:
     """Return the cases of one aircraft, stacked along a leading axis.
 
-    If the wind of `environment` is a `SteadyWind`, each case adds a random horizontal wind: speed uniform up to
-    `flown.wind_m_s`, any direction. A wind of another class is the same in all cases.
+    If the wind of `environment` is a `SteadyWind`, each case has this wind plus a random horizontal wind, with a
+    speed up to `flown.wind_m_s` (uniform) and any direction. A wind of another class is the same in all cases.
 
-    `drawn` must be the result of `AbstractTask.draw`, in still air; this function adds the wind to each start's
-    velocity. `decisions` is the number of decisions of a full episode, `dtype` the floating-point precision.
+    `drawn` must be the result of `AbstractTask.draw` in still air; this function adds the wind to the velocity of each
+    start. `decisions` is the number of decisions of a full episode, `dtype` the floating-point precision.
     """
     count = len(drawn[0].mu)
     speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)

@@ -1,4 +1,4 @@
-"""Environment for learning: the closed loop of one aircraft under an action, with task, reward and automatic reset.
+"""Environment of one aircraft for reinforcement learning: observation, step, reward, and reset of an ended episode.
 
 The functions follow the interface of gymnax 1.0. All functions are pure and compute one environment; `jax.vmap`
 computes many at once.
@@ -56,12 +56,12 @@ MOTION = (
 
 
 class Parameters(eqx.Module):
-    """Numbers of an environment, the argument `params` of its functions."""
+    """Cases and integration step of an environment; the argument `params` of the environment's functions."""
 
     #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, (case, aircraft).
     cases: Stacked[Case]
     #: Observation at the start of each case, computed in advance; None: each reset computes the observation. Must be
-    #: None if gusts or sensor errors are random, or if other parameters have been changed.
+    #: None if gusts or sensor errors are random, or if `cases` or `step` have been changed.
     observations: Float[Array, "case entry"] | None
     step: Scalar  #: Step of the integration, s.
 
@@ -106,7 +106,7 @@ class AbstractEnvironment(abc.ABC):
 
     @abc.abstractmethod
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for the aircraft, or for each aircraft of a fleet.
+        """Call `function(case, vehicle, *arguments)` for each aircraft of the environment, and return the results.
 
         `case` is the aircraft's case in the episode and `vehicle` the aircraft's state. For a fleet, `arguments` and
         results have a leading axis over the aircraft.
@@ -252,10 +252,10 @@ class AbstractEnvironment(abc.ABC):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AircraftEnvironment(AbstractEnvironment):
-    """Environment of one aircraft with a task and a level of action."""
+    """Environment of one aircraft that flies a task; `level` determines what an action commands."""
 
-    task: AbstractTask  #: Task, with reward and success.
-    level: AbstractActionLevel  #: Level of action.
+    task: AbstractTask  #: Task, which defines reward, success and failure.
+    level: AbstractActionLevel  #: Level at which an action enters the closed loop.
     parameters: Parameters  #: Default parameters, `default_params`.
     observed: tuple[Entry, ...]  #: Table of the entries of observations.
     commanded: tuple[Entry, ...]  #: Table of the entries of actions.
@@ -270,26 +270,26 @@ class AircraftEnvironment(AbstractEnvironment):
         return self
 
     def with_transition_gradients(self) -> "AircraftEnvironment":
-        """Return a copy of the environment whose `step` passes gradients through observation and state."""
+        """Return a copy whose `step` has gradients of observation, state and reward, instead of the reward alone."""
         return dataclasses.replace(self, transition_gradients_enabled=True)
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)`: case of the episode, state of the aircraft, `arguments`."""
+        """Return `function(case, vehicle, *arguments)`, called with the episode's case and the aircraft's state."""
         return function(params.case(state.row), state.vehicle, *arguments)
 
     def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
-        """Return the instant of integration step `number` of an episode; `key` seeds the random numbers."""
+        """Return the instant of integration step `number`, with the air of `case` and random numbers from `key`."""
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
     def flown_vehicle(self, case: Case, command: Any) -> Vehicle:
-        """Return the aircraft of a case with the action level's controller and the constant `command` for it."""
+        """Return a case's aircraft with the action level's controller, and guidance that always gives `command`."""
         parts = ConstantCommand(command), self.level.controller(case.autopilot)
         return eqx.tree_at(lambda v: (v.guidance, v.controller), case.vehicle, parts)
 
     def fly_decision(
         self, state: EpisodeState, params: Parameters, case: Case, start: VehicleState, action: Float[Array, " action"]
     ) -> VehicleState:
-        """Return the aircraft's state after one decision from `start`; the action is clipped to -1..1."""
+        """Return the aircraft's state one decision after `start` in the episode `state`. Clips `action` to -1..1."""
         first = state.time * self.decision_steps
         instant = self.instant(case, first, state.key, params)
         belief = perceive(self.flown_vehicle(case, None), start, instant).belief
@@ -328,7 +328,7 @@ class AircraftEnvironment(AbstractEnvironment):
         - angle of attack more than 10 deg outside the aircraft's range
         - infinite or NaN motion
         - in tasks with a plan, a goal so near that the aircraft must break off
-        - a position or time outside a wind field that ends at its boundary
+        - a position or time outside a wind field that has no values beyond its boundary
         - failures of the task (`AbstractTask.has_failed`)
         """
         task, truth, v, instant = self.task, situation.truth, situation.variables, situation.instant

@@ -1,4 +1,4 @@
-"""Episodes flown under a policy: scores, and records as flights with every variable of the catalogue."""
+"""Functions that fly episodes under a policy, and return scores, records, or flights with all variables."""
 
 import dataclasses
 import functools
@@ -125,7 +125,7 @@ def fly_episodes(
 ) -> list[Episode]:
     """Fly episodes under a policy, and return the records of the episodes.
 
-    For arguments and errors see `score`; the same arguments of `score` give the same episodes.
+    For arguments and errors see `score`. With equal arguments, `score` starts the same episodes.
     """
     starts, _, rows = _fly(environment, policy, episodes, seed, is_recorded=True)
     recorded: list[Episode] = []
@@ -139,11 +139,11 @@ def fly_episodes(
 
 
 def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed: int, *, is_recorded: bool) -> Any:
-    """Fly episodes up to the ends, and return starts, scores and records with a leading axis over the episodes.
+    """Fly episodes to the end, and return starts, scores and records, each with a leading axis over the episodes.
 
-    - Scores: mean reward 0..1, success, failure.
-    - Records of each decision, None if `is_recorded` is false: observation before, observation after, action, reward,
-      terminated, ended, success. Records after the end of an episode have no meaning.
+    - Scores: mean reward (0..1), success, failure.
+    - Records of every decision: observation before, observation after, action, reward, terminated, ended, success.
+      Records after the end of an episode have no meaning. If `is_recorded` is false, the records are None.
     """
     if episodes < 1:
         raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
@@ -248,7 +248,7 @@ def record_flight(
 
 @functools.lru_cache(maxsize=4)
 def _recorder(environment: AircraftEnvironment) -> Any:
-    """Return a compiled function that flies a case under a table of actions.
+    """Return a compiled function that flies a table of actions from the start of an episode.
 
     The function returns recorded variables by key of the catalogue, each with one value per integration step.
     """

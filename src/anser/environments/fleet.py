@@ -31,8 +31,8 @@ class FleetEnvironment(AbstractEnvironment):
 
     member: AircraftEnvironment  #: Environment of each aircraft; the cases have the axes (case, aircraft).
     agents: tuple[str, ...]  #: Names of the aircraft.
-    #: Horizontal and vertical separation, m: two aircraft must keep at least one of the two. If the vertical separation
-    #: is 0, two aircraft must keep the horizontal separation; None: no separation is required.
+    #: Horizontal and vertical separation, m. Two aircraft are too near if both distances are smaller. If the vertical
+    #: separation is 0, only the horizontal distance counts. None: no separation is required.
     separation_m: tuple[float, float] | None
     #: Table of the entries of one aircraft's observation: the entries of `member`, then `entries_of_others`.
     observed: tuple[Entry, ...]
@@ -53,13 +53,13 @@ class FleetEnvironment(AbstractEnvironment):
         return self.member.commanded
 
     def with_transition_gradients(self) -> "FleetEnvironment":
-        """Return a copy of the environment whose `step` passes gradients through observation and state."""
+        """Return a copy whose `step` has gradients of observation, state and reward, instead of the reward alone."""
         return dataclasses.replace(self, member=self.member.with_transition_gradients())
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for each aircraft; `vehicle` is the aircraft's state.
+        """Call `function(case, vehicle, *arguments)` for each aircraft, and return the results.
 
-        `arguments` and results have a leading axis over the aircraft.
+        `vehicle` is the aircraft's state. `arguments` and results have a leading axis over the aircraft.
         """
         return self.cases(state, params).map(function, state.vehicle, *arguments)
 
@@ -121,10 +121,10 @@ def entries_of_others(count: int) -> tuple[Entry, ...]:
 
 
 class AgentDictionaries:
-    """Environment of a fleet with dictionaries by agent's name; the methods follow JaxMARL's `MultiAgentEnv`.
+    """Environment of a fleet that takes and returns dictionaries by agent's name, as JaxMARL's `MultiAgentEnv` does.
 
-    The methods are pure functions. Entries of `info` are arrays with one value per agent. If `final_observations` is
-    true, `info["final_observation"]` holds the observations before a reset, shape (agent, entry).
+    The methods are pure functions. Entries of `info` are arrays with one value per agent. If the argument
+    `final_observations` is true, `info["final_observation"]` has the observations before a reset, shape (agent, entry).
     """
 
     def __init__(self, environment: Any, *, final_observations: bool = False) -> None:

@@ -111,9 +111,10 @@ def _make_named(task: str, action: str, options: bytes, files: tuple[tuple[str, 
 
 
 def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[tuple[str, str]]:
-    """Yield path and SHA-256 of every file that `value` or its TOML files name, and add the path to `visited`.
+    """Yield path and SHA-256 of the files that `value` names, and of the files that these name if they are TOML files.
 
-    `value` is a path, or nested mappings and lists of paths and other values. Files in `visited` are left out.
+    `value` is a path, or nested mappings and lists of paths and other values; relative paths start at `folder`. Files
+    in `visited` are left out; yielded files are added to `visited`.
     """
     if isinstance(value, Mapping):
         for part in value.values():
@@ -201,7 +202,7 @@ class EpisodeSequence:
     def step(self, action: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, bool, bool, bool]:
         """Fly one decision without a reset; return observation, reward, `terminated`, `truncated` and success.
 
-        Raises ValueError before the first reset. For errors of `action` see `check_actions`.
+        `action` must have the shape `shape`. Raises ValueError before the first reset; see also `check_actions`.
         """
         if not self.state:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
@@ -365,9 +366,9 @@ class GymnasiumVectorEnvironment(VectorEnv):
         return np.concatenate(observations), np.concatenate(rewards).astype(np.float64), terminations, truncations, info
 
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
-        """Call a function in parallel for each block of the batch; return each result as a tuple over blocks.
+        """Call a function in parallel for each block of the aircraft; return each result as a tuple over the blocks.
 
-        `states` must have one entry per block; `rows` are arrays over the whole batch.
+        Each item of `states` must have one entry per block; `rows` are arrays over all aircraft.
         """
         blocks = zip(*states, *([array[block] for block in self._blocks] for array in rows), strict=True)
         return zip(*call_on_cores([partial(function, *block) for block in blocks]), strict=True)

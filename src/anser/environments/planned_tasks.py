@@ -1,6 +1,6 @@
 """Tasks with a plan: path tracking, and arrival at a moving goal at the planned time.
 
-The cases are flights of a study. Every case has a plan, so every case is known to be solvable.
+The cases are those flights of a study file that have a plan; every case is therefore known to be solvable.
 """
 
 import os
@@ -145,9 +145,10 @@ def _straight_time_s(scenario: Scenario) -> float:
 
 
 def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s: float) -> list[Case]:
-    """Return the case of each aircraft of a planned flight; `trims` has the trim points of each group of aircraft.
+    """Return the case of each aircraft of a planned flight.
 
-    Raises ValueError if the aircraft arrive at different times, or a controller is not an `InversionAutopilot`.
+    `trims` has the trim points by aircraft group, `paths` the planned paths of all aircraft. Raises ValueError if the
+    aircraft arrive at different times, or a controller is not an `InversionAutopilot`.
     """
     cases: list[Case] = []
     arrivals = np.asarray(paths.times)[:, -1]
@@ -188,7 +189,7 @@ class AbstractPlannedTask(AbstractTask):
         raise TypeError(f"{type(self).__name__}: the cases are flights of a study; see anser.environments.make")
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the guidance's command on the plan: airspeed (m/s), path angle and course (rad)."""
+        """Return the command by which the guidance follows the plan: airspeed (m/s), path angle and course (rad)."""
         case, belief = situation.case, situation.belief
         return case.vehicle.guidance.command(None, belief, case.task, situation.instant)[0]
 
@@ -219,7 +220,8 @@ def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Sca
 def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: str) -> tuple[Entry, ...]:
     """Return the table entries of a vector's components along the course, to the right and upwards.
 
-    `suffix` is the unit in the entries' names; `half_range` is the value of a component that is normalized to 1.
+    `name` begins and `suffix`, a unit, ends the entries' names. `meaning` describes the vector. A component of
+    `half_range` is normalized to 1.
     """
     return tuple(
         Entry(f"{name}_{axis}_{suffix}", unit, 0.0, half_range, f"{meaning}, {where}")
@@ -247,7 +249,7 @@ class PathTracking(AbstractPlannedTask):
         return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's entries: components of three vectors along the course, right and up."""
+        """Return the entries of vectors to the planned position now and in 2 s, and of planned minus own velocity."""
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),
             *axes_entries("path_ahead", "m", "m", 500.0, "Planned position in 2 s less present position"),
@@ -285,7 +287,7 @@ class Arrival(AbstractPlannedTask):
         return norm(miss_n)[None] / 50.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's entries: time to go, and three vectors along the course, right and up."""
+        """Return the entries of time to go, relative position of the rendezvous, mean velocity needed, and velocity."""
         return (
             Entry("time_to_go_s", "s", 0.0, 100.0, "Time until the arrival"),
             *axes_entries("rendezvous", "m", "m", 10000.0, "Rendezvous at the arrival less present position"),

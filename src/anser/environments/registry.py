@@ -149,7 +149,7 @@ def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:
 
 
 def _with_start_observations(made: AircraftEnvironment) -> AircraftEnvironment:
-    """Return the environment with start observations; unchanged if there are gusts, or sensors that are not ideal."""
+    """Return `made` with `Parameters.observations`; with gusts or sensors that are not ideal, `made` is unchanged."""
     parameters, vehicle = made.parameters, made.parameters.cases.shared.vehicle
     if not (isinstance(vehicle.gusts, NoGusts) and isinstance(vehicle.sensors, IdealSensors)):
         return made

@@ -48,7 +48,7 @@ class AbstractTask(eqx.Module):
 
     @abc.abstractmethod
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw the starts and the task's numbers of `count` episodes, both with a leading axis over the episodes.
+        """Draw the starts of `count` episodes, and the task's commands or other data, both with a leading axis.
 
         `environment` must have no wind; `flown` is the range of the flight conditions at the starts.
         """
@@ -59,7 +59,7 @@ class AbstractTask(eqx.Module):
 
     @abc.abstractmethod
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's entries in the observation, which follow the aircraft's motion."""
+        """Return the task's entries of the observation, which come after the entries of motion and surfaces."""
 
     @abc.abstractmethod
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
@@ -82,14 +82,14 @@ class Aim(NamedTuple):
     """A variable that a task commands. Tolerance and scales are in the unit of the variable's dataset name."""
 
     name: str  #: Dataset name of the variable, such as "path_angle_deg".
-    tolerance: float = 0.0  #: Tolerance of the error; 0: the variable has no error.
-    difference_scale: float = 0.0  #: Half range of the observation "commanded minus present value"; 0: not observed.
-    command_scale: float = 0.0  #: Half range of the observation "commanded value"; 0: not observed.
+    tolerance: float = 0.0  #: Tolerance of the error; 0: the task does not judge the error.
+    difference_scale: float = 0.0  #: Commanded minus present value that is observed as 1; 0: not observed.
+    command_scale: float = 0.0  #: Commanded value that is observed as 1; 0: not observed.
 
     def error(self, command: Scalar | None, value: Scalar) -> Scalar:
         """Return (value - command) / tolerance; differences of course and bank are wrapped to -180..180 deg.
 
-        `value` is in the variable's unit; `command` is in SI units (angles in rad), None for 0.
+        `value` is in the variable's unit. `command` is in SI units (angles in rad); None means a command of 0.
         """
         if command is None:
             return value / self.tolerance
@@ -104,7 +104,7 @@ class Aim(NamedTuple):
         return self.commanded(command) - value
 
     def commanded(self, command: Scalar | None) -> Scalar:
-        """Return a command (SI units, None for 0) in the variable's unit, for the observation."""
+        """Convert a command from SI units to the variable's unit, for the observation; None means a command of 0."""
         if command is None:
             return jnp.zeros(())
         return command * RAD_DEG if self._is_angular else command
@@ -124,7 +124,7 @@ class AbstractCommandTask(AbstractTask):
     aims: ClassVar[tuple[Aim, ...]]  #: Commanded variables, from which errors and observations follow.
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return the present command of each aim (SI units, rad), None for 0. Default: the task's drawn numbers."""
+        """Return the present command of each aim in SI units; None means 0. The default commands are `Case.task`."""
         return tuple(situation.case.task)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
@@ -147,10 +147,10 @@ class AbstractCommandTask(AbstractTask):
 
 
 def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], level: Any) -> np.ndarray:
-    """Return two commands for each of `count` starts that give a steady flight, shape (2, count).
+    """Draw a pair of commands that gives a steady flight for each of `count` starts, shape (2, count).
 
-    `draw` takes the indices of starts, and returns commands (2, index) and whether each pair gives a steady flight. If
-    40 draws give no steady flight for a start, the start gets the commands in `level`, shape (2, count).
+    `draw` takes indices of starts; it returns a pair for each index, shape (2, index), and flags of the pairs that give
+    a steady flight. If 40 draws give no steady flight for a start, the start gets its pair in `level`, (2, count).
     """
     commands, missing = np.array(level, dtype=float), np.arange(count)
     for _ in range(_DRAWS_MAX):
@@ -245,9 +245,9 @@ class AltitudeChange(AbstractCommandTask):
         return starts, as_array(np.stack([*commands, chi], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the commanded airspeed and course, and the path angle of a climb rate up to 8 m/s up or down.
+        """Return the commanded airspeed and course, and a path angle that reduces the altitude error.
 
-        The climb rate is proportional to the altitude error.
+        The climb rate is proportional to the altitude error, up to 8 m/s up or down.
         """
         v, (altitude, V, chi) = situation.estimates, situation.case.task
         climb_rate = jnp.clip(_CLIMB_GAIN * (altitude - v["altitude_m"]), -_CLIMB_RATE_MAX_M_S, _CLIMB_RATE_MAX_M_S)
@@ -321,9 +321,9 @@ class AttitudeHold(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw steady starts; and commands of bank and angle of attack (rad), and the throttle of the start.
+        """Draw steady starts, and the task's data: commands of bank and angle of attack (rad), and start throttle.
 
-        The commands have shape (episode, 3), for the three intervals of an episode.
+        Each command has shape (episode, 3), with values for the intervals to 3 s, from 3 to 8 s, and after 8 s.
         """
         starts = steady_starts(vehicle, environment, flown, count, rng)
         limits = autopilot_of(vehicle).limits

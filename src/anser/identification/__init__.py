@@ -2,16 +2,16 @@
 
 ========================  ============================================================================================
 ``identify``              `anser.identify`: from a recording to parameters, fit, validation and files
-``records``               flight records: a flight of the package or a recording as time series in SI units
+``records``               flight records: time series in SI units, from a flight of the package or from a recording
 ``alignment``             removal of delays between channels, detection of wrong units
-``kinematics``            specific force, and rates of the motion from inertial data
-``compatibility``         biases and scale factors of sensors from the kinematics
+``kinematics``            specific force, and rates of airspeed, flow angles and attitude from inertial data
+``compatibility``         biases and scale factors of sensors, estimated from flight kinematics
 ``coefficients``          aerodynamic coefficients at the samples of a record
-``models``                equations of short period, lateral motion and coefficients, with the data of a record
-``estimation``            parameters of these equations by a chosen method
+``models``                model structures: short period, lateral motion, aerodynamic coefficients
+``estimation``            estimation of the parameters of a model structure by a chosen method
 ``regression``            least squares in time: ordinary, total, stepwise, with prior values
 ``frequency_regression``  least squares on Fourier transforms
-``dynamic_models``        models with unknown parameters, manoeuvres, predicted outputs and sensitivities
+``dynamic_models``        models x' = f(x, u, theta), recorded manoeuvres, predicted outputs and sensitivities
 ``aircraft_models``       dynamic models of an aircraft: short period, linear motion, nonlinear motion
 ``output_error``          maximum likelihood without process noise
 ``filter_error``          maximum likelihood with process noise, by a Kalman filter

@@ -1,4 +1,4 @@
-"""Aircraft file with estimated derivatives; mass, geometry, actuators and engine are those of an existing aircraft."""
+"""Aircraft file with estimated derivatives; mass, geometry, actuators and engine come from an existing aircraft."""
 
 import json
 import re
@@ -51,7 +51,7 @@ def aircraft_file_text(
     name
         Name of the aircraft: small letters, digits, hyphens.
     record
-        Record of the estimate, which determines the range of validity in airspeed, alpha and beta.
+        Record from which the derivatives are estimated; gives the range of validity in airspeed, alpha and beta.
     airframe
         Aircraft that gives mass properties, lengths, actuators and engine.
     file
@@ -60,7 +60,7 @@ def aircraft_file_text(
     estimated
         Estimated derivatives, with names such as `CL_alpha` and `CL0`.
     assumed
-        Derivatives of the aircraft, for derivatives without an estimate. Derivatives in neither argument are zero.
+        Values of derivatives that are not estimated. A derivative in neither `estimated` nor `assumed` is zero.
     source
         Origin of the estimates, as text for the file.
 
@@ -141,7 +141,10 @@ def _validity(record: FlightRecord) -> dict[str, list[float]]:
 def _thrusts(
     airframe: AbstractAirframe, altitudes: Float[Array, " row"], machs: Float[Array, " row"]
 ) -> tuple[Float[Array, "row 2 3"], Float[Array, "row 2 3"], Float[Array, ""]]:
-    """Return forces (N) and moments (N m) at idle and full power, body axes, and the time constant of the power (s)."""
+    """Return the engine's forces (N) and moments (N m) at idle and full power, and the time constant of the power (s).
+
+    Forces and moments are in body axes, one row for each pair of altitude (m) and Mach number.
+    """
 
     def data_at(altitude: Float[Array, ""], mach: Float[Array, ""]) -> AirData:
         air = StandardAtmosphere().at(altitude)

@@ -25,10 +25,10 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
-    """Return the rate of each axis of a linear model: a constant plus the sum of derivatives times arguments.
+    """Return for each axis, such as Z, the rate Z0 + Z_alpha alpha + Z_elevator elevator + ... of a linear model.
 
-    `arguments` are the states and inputs by name. The parameters of the axis Z are the derivatives `Z_alpha`,
-    `Z_elevator`, ... and the constant `Z0`; a parameter that is absent from `theta` is zero.
+    `arguments` holds alpha, elevator, ... (states and inputs) by name, `theta` the parameters `Z0`, `Z_alpha`, ... by
+    name; an absent parameter is zero.
     """
     zero = jnp.zeros(())
     sums = [
@@ -65,24 +65,24 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
 
 
 class RecordedMotion(eqx.Module):
-    """Linear equations x' = A x + B u + c + known; see `recorded_model`."""
+    """Linear equations x' = A x + B u + c + known, with a known part of the rates; see `recorded_model`."""
 
     axes: tuple[str, ...] = eqx.field(static=True)
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of the states, and the states as outputs."""
+        """Return the rates of the states, and the states as outputs; `u` holds the inputs, then the known rates."""
         count = len(self.inputs)
         arguments = dict(zip((*self.states, *self.inputs), (*x, *u[:count]), strict=True))
         return linear_rates(self.axes, arguments, theta) + u[count:], x
 
 
 def recorded_model(axes: Sequence[str], states: Sequence[str], inputs: Sequence[str]) -> DynamicModel:
-    """Return the model x' = A x + B u + c + known, with the states x as outputs and the parameters of `linear_rates`.
+    """Return the linear model x' = A x + B u + c + known with the states x as outputs.
 
-    `axes` are the first letters of the parameters of each rate, such as Z and M. The inputs are u and the known part of
-    each state's rate (`known_STATE`), such as gravity.
+    A, B and c consist of the parameters of `linear_rates`; `axes` are the first letters of their names for each state,
+    such as Z and M. The known part of each state's rate, such as gravity, is an additional input `known_STATE`.
     """
     equations = RecordedMotion(tuple(axes), tuple(states), tuple(inputs))
     return DynamicModel(equations, equations.states, (*inputs, *(f"known_{name}" for name in states)), equations.states)
@@ -145,7 +145,7 @@ _GLOBAL_NAMES = tuple(f"{coefficient}[{term}]" for coefficient, terms in GLOBAL_
 
 
 def _own_parameter(airframe: AbstractAirframe, name: str) -> tuple[str, int | tuple[int, int]] | None:
-    """Return the field of an airframe and the index in this field of the parameter `name`; None if unknown."""
+    """Return where an airframe stores the parameter `name`: field name and index in the field; None if unknown."""
     if isinstance(airframe, DerivativeAircraft):
         index = derivative_index(name, tuple(airframe.actuators.names))
         return None if index is None else ("derivatives", index)
@@ -164,15 +164,15 @@ def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Se
     Parameters
     ----------
     airframe
-        Aircraft that gives the values of everything that is not among the parameters.
+        Aircraft that supplies all values that are not parameters.
     names
         Names of the parameters:
 
-        - `Cm_alpha`: derivative of an aircraft file, about the file's reference point.
+        - `Cm_alpha`: derivative in an aircraft file; moments refer to the file's reference point.
         - `Cm[alpha q]`: term of the global model of the F-16 (`anser.aircraft.global_model.GLOBAL_TERMS`).
-        - `dCm_alpha`: increment of a derivative of any aircraft, about the centre of gravity.
+        - `dCm_alpha`: increment of a derivative of any aircraft; moments refer to the centre of gravity.
 
-        The endings are `anser.airframe_data.DERIVATIVE_ARGUMENTS` and the names of the surfaces.
+        Derivatives end as in `anser.airframe_data.DERIVATIVE_ARGUMENTS`, or in `_` and the name of a surface.
     outputs
         Keys of the outputs, among the states and the specific force (`specific_force_x`, ..., m/s^2).
 

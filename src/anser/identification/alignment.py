@@ -48,9 +48,9 @@ class ChannelMatch(NamedTuple):
     """Comparison of a channel with a reference computed from other channels: scale factor, delay and fit.
 
     The reference is the integral of the channel's rate; for a surface, the reference is the angular acceleration.
-    `factor` is reference / channel: 1 for consistent units, unused for a surface. `delay_s` is positive if the channel
-    lags. `delay_error_s` is the standard error of the delay; infinite if the fit has no maximum within the searched
-    delays. `fit` is the explained share of the variation, 0 to 1.
+    `factor` is reference / channel, which is 1 for consistent units and has no meaning for a surface. `delay_s` is
+    positive if the channel lags. `delay_error_s` is the standard error of the delay; infinite if the fit has no maximum
+    within the searched delays. `fit` is the explained share of the variation, 0 to 1.
     """
 
     factor: float
@@ -86,8 +86,8 @@ def _match_windows(
 ) -> ChannelMatch:
     """Fit `values` by the best row of `windows` plus a combination of the orthonormal columns of `basis`.
 
-    The rows of `windows` are a second series with rising delays; the middle row has the delay 0. `factor` of the result
-    is window / values.
+    The rows of `windows` are another series with delays that rise by `step_s` from row to row; the middle row has the
+    delay 0. `factor` of the result is window / values.
     """
     y = values - basis @ (basis.T @ values)
     Y = windows - (windows @ basis) @ basis.T

@@ -118,7 +118,7 @@ def _measured_coefficients(
 ) -> Float[Array, "row 8"]:
     """Return the coefficients `COEFFICIENT_NAMES` of each row, with moments about `reference_b` (body axes, m).
 
-    Columns of `rows`: the six of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
+    A row has the six entries of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
     (rad/s^2), specific force (m/s^2). Power or thrust is NaN if not recorded.
     """
 

@@ -165,7 +165,7 @@ class ParameterSet:
 class Case(NamedTuple):
     """A model and a manoeuvre as JAX arrays, the argument of compiled functions.
 
-    `names` are the estimated parameters, `fixed` the values of the remaining ones; `held`: see `Manoeuvre`.
+    `names` are the estimated parameters, `fixed` the values of the remaining parameters; `held`: see `Manoeuvre`.
     """
 
     equations: Equations
@@ -180,11 +180,11 @@ class Case(NamedTuple):
 
     @property
     def samples(self) -> tuple[Array, Array, Array]:
-        """Inputs, inputs of the next sample (the last is repeated) and measured outputs, with the samples as rows."""
+        """Inputs, inputs one sample later (the last sample is repeated) and measured outputs; a row for each sample."""
         return self.inputs, jnp.concatenate([self.inputs[1:], self.inputs[-1:]]), self.measured
 
     def start(self, values: Array) -> tuple[dict[str, Array], Array]:
-        """Return all parameters by name, and the initial state; a parameter `STATE(0)` replaces the given value."""
+        """Return all parameters by name, and the initial state; a parameter `STATE(0)` overrides `initial_state`."""
         theta = {**self.fixed, **dict(zip(self.names, values, strict=True))}
         initial = [theta.get(f"{name}(0)", self.initial_state[k]) for k, name in enumerate(self.states)]
         return theta, jnp.stack(initial)
@@ -205,7 +205,7 @@ def prepare_parameters(
     fixed: Mapping[str, float] | None,
     initial_states: Sequence[str],
 ) -> tuple[ParameterSet, Values]:
-    """Return the estimated parameters of a model, and their start values in the order of `names`.
+    """Return the parameter set that estimates the parameters in `start`, and start values in the order of `names`.
 
     For each name in `initial_states`, a parameter `STATE(0)` is appended; its start value is the manoeuvre's initial
     state. Raises ValueError if `start` is empty, a name is fixed too, a value is not finite, or a state is unknown.

@@ -38,7 +38,7 @@ class Estimate(Fit, PrintedTable):
     degrees_of_freedom
         Degrees of freedom of Student's distribution for the intervals.
     condition_number
-        Ratio of the extreme singular values of the regressors or sensitivities, scaled to unit length.
+        Greatest / least singular value of the regressors or sensitivities after scaling to unit length.
     variance_inflation
         Factor by which the correlation with the remaining parameters raises the variance of each parameter.
     white_covariance
@@ -214,21 +214,21 @@ def coloured_covariance(
 ) -> ErrorCovariance:
     """Compute the covariance of estimated parameters if the errors of the samples are coloured.
 
-    The parameters have the errors A^-1 sum_i S_i^T v_i, with the errors v_i of the samples i (theory, identification).
-    The autocovariances of v are estimated from the residuals and tapered to zero (M. S. Bartlett, 1950). Each variance
-    is divided by the share of white errors that would remain in the residuals of the fit. Source: E. A. Morelli, V.
-    Klein, *Accuracy of aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997. The
-    taper and the division are additions.
+    The errors of the parameters are A^-1 sum_i S_i^T v_i, where v_i is the error of sample i (theory, identification).
+    The autocovariances of v are estimated from the residuals and tapered to zero (M. S. Bartlett, 1950). Since a fit
+    makes residuals smaller than errors, each variance is divided by the factor by which the variance would be too small
+    for white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model parameters estimated from flight
+    test data*, J. Guidance 20(1), 1997, without taper and division.
 
     Parameters
     ----------
     sensitivities
-        Derivatives S_i of the responses with respect to the parameters. Several responses must be divided by the
-        standard deviations of their errors.
+        Derivatives S_i of the responses with respect to the parameters. If there are several responses, S_i must be
+        divided by the standard deviations of the responses' errors.
     residuals
-        Estimated errors v, divided by the same standard deviations.
+        Residuals of the fit, divided by the same standard deviations.
     inverse
-        A^-1, the inverse of the sum of S_i^T S_i for least squares.
+        A^-1; for least squares, A is the sum of S_i^T S_i.
     is_record
         True: the samples are a time series. False: the samples are independent, and the errors count as white.
     """

@@ -67,7 +67,7 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
 
 
 def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series]:
-    """Return instrumental variables by regressor (rad, rad/s): responses of linear models to the deflections alone."""
+    """Return instrumental variables by regressor, which are the responses of linear models to the deflections alone."""
     motion: dict[str, Series] = {}
     for model in MODELS[:2]:
         try:
@@ -164,9 +164,9 @@ def _jumps(deflection: Series) -> bool:
 
 
 def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
-    """Return the estimate with the model's parameter names; a coefficient also gets its constant, such as `CL0`.
+    """Return the estimate with the model's parameter names and, if the response is a coefficient, its constant (`CL0`).
 
-    The parameters of alpha and `alpha2` = (alpha - mean)^2 are converted to parameters of alpha and alpha^2.
+    The regressor `alpha2` is (alpha - mean)^2; the result has the parameters for alpha and alpha^2.
     """
     names = tuple(f"{equation.prefix}_{name}" for name in equation.regressors)
     keys, count = list(equation.regressors), len(names)

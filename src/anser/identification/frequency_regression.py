@@ -56,8 +56,8 @@ def fourier_transforms(
         True: signals must be perturbations from steady flight, zero at the start. False: the mean is subtracted from
         every signal and from the derivative.
     corrected
-        False: plain sums as published in 2000 (E. A. Morelli, J. Guidance 23(5)). The values at the ends and the half
-        step of held inputs are omitted, and `steady_start` has no effect.
+        True: values at the ends and the half step of held inputs are included. False: plain sums as published in 2000
+        (E. A. Morelli, J. Guidance 23(5)), without these terms; `steady_start` has no effect.
     """
     count, step = time_s.size, float(time_s[1] - time_s[0])
     omega = 2.0 * np.pi * np.asarray(frequencies_hz, dtype=float)[:, None]
@@ -125,7 +125,7 @@ def regress_spectra(
     frequencies_hz
         Frequencies, Hz, above 0; None: the harmonics of the record from 0.1 to 1.5 Hz.
     differentiate
-        True: the equation is for the time derivative of the response.
+        Whether the equation is for the time derivative of the response.
     held
         Names of the regressors that are inputs constant over a step.
     hold, steady_start
@@ -135,7 +135,8 @@ def regress_spectra(
         regressor but not with noise and gusts (T. Soderstrom, P. Stoica, *Instrumental Variable Methods for System
         Identification*, 1983).
     corrected
-        False: the transforms and the covariance as published in 2000, s^2 Re(X* X)^-1 with independent frequencies.
+        True: corrected transforms (see `fourier_transforms`), and a covariance for correlated frequencies. False:
+        transforms and covariance as published in 2000, s^2 Re(X* X)^-1 for independent frequencies.
 
     Raises
     ------

@@ -192,7 +192,7 @@ class Identification(PrintedTable):
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write dataset, JSON document, page, figures, and for derivatives an aircraft file; return the new folder.
+        """Write dataset, JSON document, page, figures and (model `derivatives`) an aircraft file; return the folder.
 
         Raises FileExistsError if the folder exists and `force` is False.
         """

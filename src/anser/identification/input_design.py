@@ -16,7 +16,7 @@ from anser.results.variable_labels import unit_attributes
 
 @dataclass(frozen=True, repr=False)
 class PlannedManoeuvre(PrintedTable):
-    """Predicted standard errors and correlations of the parameters of a planned manoeuvre; prints as a table.
+    """Predicted errors of the parameters that a planned manoeuvre will identify; prints as a table.
 
     Attributes
     ----------

@@ -18,8 +18,8 @@ _DAMPING_MAX = 1e8
 class LikelihoodPoint(NamedTuple):
     """Negative log-likelihood (`cost`, infinite if the model diverges) at one set of parameter values.
 
-    `gradient` and `information` (Fisher's matrix) are the first and the approximate second derivatives. `prediction` is
-    data for the caller.
+    `gradient` and `information` (Fisher's matrix) are the first and the approximate second derivatives. The search
+    does not use `prediction`, which may be any data.
     """
 
     cost: float
@@ -31,7 +31,7 @@ class LikelihoodPoint(NamedTuple):
 def maximize_likelihood(
     evaluate: Callable[[Values], LikelihoodPoint], values: Values, lower: Values
 ) -> tuple[Values, LikelihoodPoint]:
-    """Return the parameter values of greatest likelihood that are at least `lower`, and `evaluate` at these values.
+    """Return the parameter values of greatest likelihood that are at least `lower`, and the result of `evaluate` there.
 
     The search starts at `values`. Raises ValueError if the model diverges with the start values, or the search does not
     converge.

@@ -55,17 +55,17 @@ class Equation(NamedTuple):
     Attributes
     ----------
     response, values
-        Name of the response, and its measured values minus the known parts.
+        Name of the response, and its measured values minus the known parts (gravity and gusts; `assumed_part`).
     prefix, regressors
         Start of the parameters' names, such as `CL`; regressors by the ending, such as `alpha` for `CL_alpha`.
     noise
         Standard deviations of the white noise of the regressors, by the same endings.
     is_rate
-        True: the equation is for the time derivative of the response.
+        Whether the equation is for the time derivative of the response.
     other_arguments
-        Arguments of a coefficient that are not regressors: series, or the mean if they vary no more than their noise.
+        Arguments of a coefficient that are not regressors, by name: the series, or its mean if it hardly varies.
     assumed_part
-        Contribution of `other_arguments` by the aircraft's derivatives, which is subtracted in `values`.
+        Sum of `other_arguments` times the aircraft's derivatives, which `values` does not contain.
     """
 
     response: str
@@ -229,7 +229,7 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Return whether the standard deviation of the smoothed values exceeds `least` and half of the noise."""
+    """Return whether the smoothed values' standard deviation exceeds `least` and half of the noise level."""
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 
@@ -244,7 +244,7 @@ def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the moved surfaces by axis, `longitudinal` or `lateral` or both, from the airframe's moments."""
+    """Return the moved surfaces with pitching moments (`longitudinal`) and with roll or yaw moments (`lateral`)."""
     own = airframe_derivatives(airframe, record)
     axes: dict[str, tuple[str, ...]] = {"longitudinal": (), "lateral": ()}
     for name in moved:

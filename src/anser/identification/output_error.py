@@ -154,7 +154,7 @@ def validate(
 def start_levels(
     model: DynamicModel, manoeuvre: Manoeuvre, noise: Sequence[float] | None
 ) -> Float[np.ndarray, " output"]:
-    """Return the standard deviations of the measurement noise; `noise` None: estimates from the record.
+    """Return `noise` as an array or, if None, standard deviations of the measurement noise estimated from the record.
 
     Raises ValueError if `noise` does not contain a positive number for each output.
     """
@@ -184,7 +184,7 @@ def _search(
 ) -> tuple[Values, Prediction]:
     """Return the parameter values of greatest likelihood, and the outputs predicted with them.
 
-    `noise` None: the standard deviations of the residuals are used at every step.
+    `noise` holds the standard deviations of the measurement noise; if None, each step uses the residuals' deviations.
     """
 
     def evaluate(values: Values) -> LikelihoodPoint:

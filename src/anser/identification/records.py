@@ -285,7 +285,7 @@ def _numbers(name: str, column: Any) -> np.ndarray:
 def _select(
     table: Mapping[str, np.ndarray], columns: Mapping[str, Any], variables: Mapping[str, Variable]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the times (s), and the channels by key in SI units and radians; omit columns that are entirely NaN."""
+    """Return times (s) and channels (by key, SI units, radians) from the columns of `table`, without columns of NaN."""
     entries: dict[str, Any] = {name: name for name in table if name in variables or name == "time_s"}
     entries |= {name: columns[name] for name in columns}
     if "time_s" not in entries:
@@ -375,7 +375,7 @@ def _resample(
     is_step: bool,
     notes: list[str],
 ) -> np.ndarray:
-    """Return a channel at the times `grid` (s): linearly interpolated if `is_step`, by a cubic spline if not.
+    """Return the channel `name` at the times `grid` (s): linearly interpolated if `is_step`, by a cubic spline if not.
 
     A note on filled NaN values is appended to `notes`. Raises ValueError if NaN values last longer than `gap_max_s` or
     stand at an end.

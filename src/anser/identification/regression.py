@@ -49,8 +49,8 @@ class Regression(NamedTuple):
     def require_excitation(self) -> Matrix:
         """Return the regressors; the means are subtracted if a constant is estimated.
 
-        Raises ValueError if a regressor does not vary, or if noise is more than half of its power. In a record, noise
-        that is apparent from the samples counts too.
+        Raises ValueError if a regressor does not vary, or if more than half of its power is noise. In a record, the
+        noise is at least the white noise that the samples show.
         """
         X, noise = self.X.copy(), self.noise**2
         if self.names[-1] == CONSTANT:
@@ -160,7 +160,7 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
 
 
 def white_variance(X: Matrix) -> Float[np.ndarray, " parameter"]:
-    """Return the variance of the white noise on each smooth column of X, from third differences."""
+    """Return the variance of white noise in each column of X from third differences, for an otherwise smooth column."""
     return np.mean(np.diff(X, 3, axis=0) ** 2, axis=0) / 20.0  # 1 + 9 + 9 + 1: squares of the weights
 
 
@@ -384,9 +384,9 @@ def step_means(
 ) -> tuple[dict[str, Float[np.ndarray, " step"]], Float[np.ndarray, " step"], Float[np.ndarray, " step"]]:
     """Return for each step the means of the regressors by name, the mean rate of a state (per s) and the mid time (s).
 
-    The errors of the rates and of the means do not correlate. White noise of standard deviation sigma becomes sigma /
-    sqrt(2) in a mean, and sqrt(2) sigma / step in a rate. A regressor in `held` must be constant over the step after
-    its sample.
+    White noise of standard deviation sigma becomes sigma / sqrt(2) in a mean, and sqrt(2) sigma / step in a rate; the
+    errors of the mean and of the rate in a step do not correlate. A regressor in `held` must be constant over the step
+    after its sample.
     """
     times = uniform_times(time_s, np.asarray(time_s).size)
     series = {name: np.asarray(values, dtype=float) for name, values in regressors.items()}

@@ -135,7 +135,7 @@ def plain_problem(text: str) -> dict[str, Any]:
 
 
 def _best_record(planned: FirstPlan) -> RecordedPlan | None:
-    """Return the record of the plan or, after a refusal, of the attempt `_best_attempt`; None if neither exists."""
+    """Return the record of the plan or, after a refusal, of the result of `_best_attempt`; None if neither exists."""
     if not planned.refusals:
         return planned.record()
     attempt = _best_attempt(planned)
@@ -146,10 +146,10 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
 
 
 def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
-    """Return the certified planner's best attempt, without padding aircraft; None if there is none.
+    """Return the certified planner's best attempt, without the aircraft that only pad arrays; None if there is none.
 
-    The best attempt lacks only the holding patterns after the arrivals. If there is no such attempt, the best attempt
-    has the fewest failed aircraft.
+    An attempt that lacks only the holding patterns after the arrivals is best. If there is no such attempt, the attempt
+    with the fewest failed aircraft is best.
     """
     if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
@@ -261,9 +261,9 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
 def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
     """Return the entry on the closest pair of aircraft in the plan; None for a single aircraft.
 
-    `distances_m` and `required_m` have two values, horizontal and vertical, if a vertical separation is required. They
-    have the horizontal distance if only a horizontal separation is required. If no separation is required,
-    `distances_m` has the distance in space.
+    If a vertical separation is required, `distances_m` and `required_m` have two values, horizontal and vertical. If
+    only a horizontal separation is required, each list has the horizontal value. If no separation is required,
+    `distances_m` has the distance in space, and `required_m` is empty.
     """
     closest, separation_m = _closest_approach(samples), scenario.separation.required_m
     if not np.isfinite(closest.minimum_m):
@@ -281,7 +281,7 @@ def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None
 
 
 def _closest_approach(samples: PlanSamples) -> ClosestApproach:
-    """Return the closest approach by separation or, if no separation is required, by distance in space."""
+    """Return the closest approach, measured by separation or, if no separation is required, by distance in space."""
     return samples.closest_by_distance if samples.closest_by_separation is None else samples.closest_by_separation
 
 
@@ -294,7 +294,7 @@ def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
 
 
 def _hold_track(holds: PlannedHolds | None, k: int) -> dict[str, list[float]] | None:
-    """Return north, east and altitude (m) along the planned hold of aircraft `k`; None if no holds are planned."""
+    """Return north, east and altitude (m) along the holding pattern of aircraft `k`; None if no holds are planned."""
     if holds is None:
         return None
     knots = np.asarray(holds.paths.air_n)[k, :, 0] + np.asarray(holds.paths.drift_n)[k, :, 0]
@@ -340,10 +340,10 @@ def _refusal_problem(
 def _binding_positions(
     scenario: Scenario, record: RecordedPlan, names: Sequence[str], keys: Sequence[str], drawn: Sequence[bool]
 ) -> Iterable[Position]:
-    """Yield the positions in `record` at which the page marks a reason for a refusal.
+    """Yield the positions at which the page marks a reason for a refusal that concerns the aircraft `names`.
 
-    - Reason about two aircraft: positions at the fleet's closest approach, or the rendezvous if another pair is closest
-    - Other reasons, on each drawn path: extreme of the first limit in `keys`, or the rendezvous if no key is a limit
+    - Two aircraft: positions at the fleet's closest approach; if another pair is closest, positions at their arrivals
+    - Any other number: on each drawn path, the extreme of the first limit in `keys`; if no key is a limit, the end
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}

@@ -39,7 +39,7 @@ GOAL_KINDS = ("surface", "airborne")
 def sliders(scenario: Scenario) -> list[dict[str, Any]]:
     """Return the sliders of the page: key, label, unit, range, step, and the value in the scenario or its default.
 
-    Limits are those of the first aircraft. Keys without a value have no slider; the wind has none if it has layers.
+    Sliders of limits show the limits of the first aircraft. A key without a value and a wind of layers have no slider.
     """
     tables = {
         "wind": scenario.wind,

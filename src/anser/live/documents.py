@@ -26,9 +26,9 @@ class DocumentFolder:
     """The folder in which the page reads and writes scenario files."""
 
     path: Path
-    # table `[parts]` of the scenario that the server was started with; a document must not have other parts
+    # user-defined parts (table `[parts]`) of the scenario that the server was started with; other parts are refused
     parts: Mapping[str, Any] | None = None
-    # entry `wind.field` of this scenario; documents must not refer to any other file outside the folder
+    # entry `wind.field` of this scenario: the only file outside the folder to which a document may refer
     wind_field: Any = None
 
     def names(self) -> list[str]:
@@ -77,7 +77,7 @@ class DocumentFolder:
         write_file(path, self.text(values, base), overwrite=overwrite)
 
     def _file(self, name: str) -> Path:
-        """Return the path of a scenario file in the folder, existing or not; raises ScenarioError for other names."""
+        """Return the path of a file in the folder, existing or not; raises ScenarioError for an unsuitable name."""
         is_plain = Path(name).name == name and name.isprintable() and not name.startswith(".")
         if not is_plain or not name.endswith(_SUFFIX) or not self._is_inside(self.path / name):
             expected = f"the name of a file in the folder {self.path.name}, such as mine{_SUFFIX}"
@@ -134,7 +134,7 @@ def _foreign_values(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 def merge_into_toml(text: str, values: dict[str, Any]) -> str:
     """Return `text` (TOML) with the values of a document; unchanged values keep comments, order and number formats.
 
-    Raises ValueError if a value has no form in a scenario file.
+    Raises ValueError if a scenario file cannot contain a value.
     """
     import tomlkit
 

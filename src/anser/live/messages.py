@@ -1,6 +1,6 @@
 """Validated requests of the page: strict types, no unknown keys, bounded size and depth.
 
-A document (`scenario`) is a scenario as nested dictionaries and lists; it is validated later.
+A document (`scenario`) is a scenario as nested dictionaries and lists; this module does not validate documents.
 """
 
 import json

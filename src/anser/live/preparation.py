@@ -1,8 +1,8 @@
 """Compilation of programs before they are needed, in a process of low priority.
 
-The process compiles the programs for refusals and flights of the present fleet. The server gets the programs through
-the disk store of compiled programs. The process is `python -m anser.live.preparation`, with the folder and the document
-as JSON on standard input, and ends with the input.
+The process compiles the programs for refusals and flights of the present fleet, and stores the programs on disk, where
+the server finds them. The process runs `python -m anser.live.preparation`. Standard input has the folder and the
+document as JSON; the process ends when standard input is closed.
 """
 
 import contextlib
@@ -40,8 +40,8 @@ class Preparation:
     """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process."""
 
     folder: Path  # folder of the page's scenario files
-    _kind: str = ""  # kind (`_kind`) of the document of the last request
-    _finished: set[str] = field(default_factory=set)
+    _kind: str = ""  # number of intervals, and result of the function `_kind`, for the last requested document
+    _finished: set[str] = field(default_factory=set)  # values of `_kind` with completely compiled programs
     _process: "subprocess.Popen[str] | None" = None
     _resume_s: float = 0.0  # reading of `time.monotonic` until which the process is suspended, s
     _paused: "subprocess.Popen[str] | None" = None  # the process that is suspended
@@ -72,7 +72,7 @@ class Preparation:
 
         Nothing is done if the document needs the same programs as the last request or has user-defined parts, if
         compiled programs are not stored on disk, or if JAX does not run on the CPU. No process starts if an earlier
-        process has compiled the programs. `last_s` is the last arrival, s, or None.
+        process has compiled the programs. `last_s` is the last planned arrival time, s; None if there is none.
         """
         kind = f"{choose_interval_count(last_s or 0.0)} {json.dumps(_kind(document))}"
         if kind == self._kind or "parts" in document or cache_folder() is None or jax.default_backend() != "cpu":
@@ -115,9 +115,9 @@ def _input_of(process: "subprocess.Popen[str]") -> IO[str]:
 
 
 def _kind(value: Any) -> Any:
-    """Return a document without numbers, names and events; documents with equal results need the same programs.
+    """Return what selects the compiled programs of a document: the document without numbers, names and events.
 
-    A list becomes its distinct entries, and its length divided by `_FLEET_STEP`, rounded up.
+    A list is replaced by [length / `_FLEET_STEP`, rounded up; distinct entries].
     """
     if isinstance(value, dict):
         return {key: _kind(value[key]) for key in sorted(value) if key != "event" and not _is_name(key, value[key])}
@@ -134,7 +134,8 @@ def _is_name(key: str, value: Any) -> bool:
 def compile_ahead(document: dict[str, Any], folder: Path) -> None:
     """Compile the programs that plan, explain a refusal and fly the fleet of a document.
 
-    Programs for the same fleet with a keep-out follow if the document has no keep-out.
+    If the document has no keep-out, the programs for the same fleet with a keep-out are compiled, too. Relative paths
+    in the document refer to `folder`.
     """
     _compile_for(document, folder)
     if not document.get("keep_out"):

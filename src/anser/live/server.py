@@ -1,4 +1,4 @@
-"""Web server of the live page: on this machine only, with a random token in the address; other pages are refused."""
+"""Web server of the live page, on this machine only; requests need a random token, and other pages are refused."""
 
 import asyncio
 import contextlib

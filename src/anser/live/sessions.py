@@ -135,7 +135,7 @@ class Session:
         self._send = send
 
     def detach(self, send: Send | None = None) -> None:
-        """Disconnect the session from the page of `send`; the result of a flight in progress waits for the page.
+        """Disconnect the page that `send` serves; the result of a flight in progress waits until the page reconnects.
 
         If `send` is None, the session is disconnected from any page and its flight is stopped.
         """
@@ -253,8 +253,8 @@ class Session:
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
         """Plan a document and send the answer to the page.
 
-        Planning stops without an answer if a final request waits, if a request waits after `_SUPERSEDED_AFTER_S`, or if
-        the page's connection has changed.
+        Planning stops without an answer if a final request waits, if planning has taken more than `_SUPERSEDED_AFTER_S`
+        and another request waits, or if the page's connection has changed.
         """
         begin = time.monotonic()
         if self.workbench.preparation is not None:
@@ -283,7 +283,7 @@ class Session:
         on_progress: Callable[[str], None],
         on_preliminary: Callable[[Answer], None] = lambda answer: None,
     ) -> tuple[Answer, Scenario | None]:
-        """Return the answer to a document and its scenario, None if not valid; the plan is stored for a later flight.
+        """Return the answer to a document, and its scenario (None if not valid); store the plan for a later flight.
 
         `on_preliminary` is called with a preliminary answer before a long search.
         """
@@ -398,8 +398,8 @@ _PLAN_PROGRAMS, _REFUSAL_PROGRAMS, _FLIGHT_PROGRAMS = 10, 4, 2
 def _preparation(record: Compilation, time_left: str | None, before: int, usual_count: int = _REFUSAL_PROGRAMS) -> str:
     """Return the page's text about the compilation in progress, `record`, with the time left if known.
 
-    `before` is the number of programs compiled before the request; `usual_count` is the usual number for a request of
-    this kind if the fleet was planned before.
+    `before` is the number of programs compiled before the request. `usual_count` is the number of programs that such a
+    request usually compiles if the fleet has been planned before.
     """
     since = list(compilations[before:])
     number = since.index(record) + 1 if record in since else 1
@@ -457,7 +457,7 @@ class _Progress:
 def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[str]") -> Send:
     """Return a callback that puts messages, as JSON text, into a queue of an event loop, from any thread.
 
-    The callback raises ValueError or TypeError for a value without a form in JSON.
+    The callback raises ValueError or TypeError for a value that JSON cannot represent.
     """
 
     def send(message: dict[str, Any]) -> None:

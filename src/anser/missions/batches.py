@@ -10,4 +10,4 @@ Progress = Callable[[str, float | None], None]
 
 
 def no_progress(message: str, completed_share: float | None) -> None:
-    """Do nothing; the `Progress` callback for computations without a display."""
+    """Do nothing. This function is the `Progress` callback of computations whose progress is not displayed."""

@@ -1,4 +1,4 @@
-"""First plan of a fleet without a central planner: agreement by messages on arrival times, then on paths and holds."""
+"""First plan of a fleet without a central planner: the aircraft agree on arrivals, paths and holds by messages."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -54,7 +54,8 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
     """Return the mask of the links that are up at each exchange before the flight, (exchange, receiver, sender).
 
-    `positions_n` are the positions of the aircraft, NED, m; `rounds` are the sample numbers of the exchanges.
+    `positions_n` are the positions of the aircraft, NED, m; `active` is the mask of the aircraft that fly; `rounds` has
+    the sample number of each exchange.
     """
 
     def links_at(outages: Any, exchange_number: Any) -> Any:
@@ -87,11 +88,11 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan by messages.
 
-        The fleet agrees on arrival times. Then the aircraft plan in the order of the scenario: each path arrives at the
-        agreed time and is separated from the earlier paths. If a path is not found, or the holds (holding patterns
-        after the arrivals) lack separation, the fleet plans again for a later time.
+        The fleet agrees on arrival times. Then the aircraft plan one after the other, in the order of the scenario; a
+        path arrives at the agreed time and keeps the separation from the paths planned before. If an aircraft finds no
+        path, or no holds (holding patterns after the arrivals) keep the separation, the fleet tries later times.
 
-        If the fleet does not agree, `refusals` has the reason. Raises ScenarioError if an aircraft cannot be trimmed.
+        If the fleet does not agree, `refusals` has the reason. For the arguments and errors see `anser.plan`.
         """
         on_progress("trimming")
         planner = aircraft_planner(flight)
@@ -255,20 +256,20 @@ def _reach_agreement(
 def find_agreement(
     count: int, propose: Callable[[int], tuple[_Plan | None, str]], flood: MessageFlood
 ) -> tuple[_Plan | None, str]:
-    """Find the earliest of `count` increasing delays of the arrivals on which the fleet agrees.
+    """Find the smallest of `count` increasing delays of the arrivals to which the fleet agrees.
 
-    If the messages (`flood`) end after a first agreement, the result is the earliest agreement so far.
+    If the exchanges of messages (`flood`) end after a first agreement, the result is the earliest agreement so far.
 
     Parameters
     ----------
     propose
-        Function from the index of a delay, 0 to `count` - 1, to (agreement, ""), or to (None, reason of the refusal).
+        Function that proposes a delay to the fleet, by its index from 0 to `count` - 1; returns (agreement, "") or, if
+        the fleet refuses the delay, (None, reason).
 
     Returns
     -------
     tuple
-        Agreement (None if every delay is refused), and the reason for which the last proposal was refused ("" if the
-        fleet agreed on this proposal).
+        Agreement (None if the fleet refused every delay), and the reason from the last call of `propose`.
 
     Raises
     ------
@@ -299,7 +300,7 @@ def _plan_in_turn(
     flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
-    """Plan the aircraft one after the other for `arrival_times_s` (s), each separated from the earlier aircraft.
+    """Plan the aircraft in turn for `arrival_times_s` (s); a path keeps the separation from the paths planned before.
 
     Returns the certified plan and "", or None and the reason for a failure. Raises NoAgreementError if the exchanges of
     messages end before the plan is complete.
@@ -332,5 +333,5 @@ def _plan_in_turn(
 
 @compiled_quickly
 def _with_aircraft_rows(plan: CertifiedPlan, candidate: CertifiedPlan, is_planned: Any) -> CertifiedPlan:
-    """Return `plan` with the rows of the aircraft in the mask `is_planned` taken from `candidate`."""
+    """Return `plan`, in which the aircraft in the mask `is_planned` have their paths and data from `candidate`."""
     return select_rows(is_planned, candidate, plan)

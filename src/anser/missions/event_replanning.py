@@ -43,11 +43,12 @@ EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2,
 class FleetSnapshot(NamedTuple):
     """Planning tasks (start, goal, limits) and fixed paths of a fleet in flight at one sample, for the planner."""
 
-    # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
+    # tasks with starts on the planned paths; `active` marks the aircraft that can be replanned
     replannable_tasks: AircraftTask
-    fixed_paths: FixedPaths  # paths of the aircraft that cannot be replanned: arrived, about to arrive, departed
-    flying_tasks: AircraftTask  # tasks from the reported motions; active: every flying aircraft, also departed
-    remaining: Bool[Array, " aircraft"]  # mask of the aircraft that have neither left the fleet nor broken away
+    fixed_paths: FixedPaths  # paths of the aircraft that have arrived, are about to arrive, or have left the fleet
+    # tasks with starts at the reported motions; `active` marks every flying aircraft, departed aircraft included
+    flying_tasks: AircraftTask
+    remaining: Bool[Array, " aircraft"]  # mask of the aircraft that have not stopped, broken away or left the fleet
 
 
 def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
@@ -70,10 +71,10 @@ def exit_start(
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
 ) -> AircraftTask:
-    """Return the planning task of a departing aircraft that starts at `time` (s).
+    """Return the planning task of a departing aircraft, for a path that starts at `time` (s).
 
-    The start has the planned position and motion: on the path or, after the arrival, in the hold (holding pattern). If
-    no hold can be flown as planned (see `hold_reference`), the start has the measured position and motion.
+    Before the arrival, the start is on the planned path; after the arrival, the start is in the planned hold (holding
+    pattern). If the aircraft cannot fly its hold as planned (see `hold_reference`), the start is the measured motion.
     """
     plan, holds = plan_state.plan, plan_state.holds
     task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
@@ -100,14 +101,14 @@ def plan_exit(
 ) -> CertifiedPlan:
     """Return the plan with an exit path for a departing aircraft; the exit path lasts to the end of the flight.
 
-    The turn of the exit path is the first of `turns` that keeps the most of these requirements, in this order:
+    The exit path keeps three requirements if possible; if not, an earlier requirement has priority over later ones:
 
-    1. the separation from the paths of all other aircraft up to their arrivals, and from the holds already begun;
+    1. the separation from the paths of all other aircraft up to their arrivals, and from the holds that have begun;
     2. limits and keep-outs;
-    3. the separation from later holds, which can be assigned anew.
+    3. the separation from the holds that begin later, because new holds can be planned for these aircraft.
 
-    If no turn keeps the first requirement, the turn has the greatest ratio of distance to required separation. The
-    certificate of the returned plan does not cover the holds.
+    Among equally good turns, the first of `turns` is chosen. If no turn keeps the first requirement, the turn with the
+    greatest ratio of distance to required separation is chosen. The returned certificate does not cover the holds.
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
@@ -123,7 +124,7 @@ def plan_exit(
     hold_tracks = None if hold_paths is None else jax.lax.map(tracked, hold_paths)
 
     def hold_ratios(path: TimedPath) -> Float[Array, " aircraft"]:
-        """Return the clearance ratio between an exit path and each other hold; infinite if an aircraft has no hold."""
+        """Return the ratio of distance to separation from each hold of another aircraft; infinite without a hold."""
         if hold_tracks is None:
             return jnp.full(count, jnp.inf)
         track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
@@ -173,7 +174,7 @@ class EventOutcome:
     subject: str  # name of the aircraft, goal or keep-out; "all" if the event names none
     has_valid_plan: bool  # whether the fleet has a valid plan afterwards
     message: str  # response of the planner, in one sentence
-    goal: str | None = None  # name of the goal that the aircraft took over
+    goal: str | None = None  # name of the goal that the aircraft `subject` took over; None: no goal was taken over
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the list `events` in `summary.json`, with the keys of the file."""
@@ -193,7 +194,7 @@ def apply_event(
     sample: int,
     event: Event,
     performance: Performance | None,  # accelerations of the fleet at its start; required if thrust is lost
-    on_progress: Callable[[str], None] = lambda message: None,
+    on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
 ) -> tuple[Flight, FlightState, EventOutcome]:
     """Apply an event's effect on the plan at sample `sample`; return the new flight and state, and the outcome.
 
@@ -290,7 +291,8 @@ def _with_less_thrust(
 ) -> FlightState:
     """Return the state with an aircraft's greatest acceleration along the path reduced to the remaining thrust.
 
-    `thrust_share` (0..1) is the remaining part of the difference between full and idle thrust.
+    `thrust_share` (0..1) is the remaining part of the difference between full and idle thrust; `performance` has the
+    accelerations with full and with idle thrust at the start.
     """
     planner = aircraft_planner(flight)
     gain, loss = (
@@ -316,7 +318,7 @@ def _replan_if_needed(
     """Replan the fleet after an event, unless the plan in force meets all requirements, arrival times included.
 
     Returns the state, whether the fleet has a valid plan, and a sentence for the summary. If no new plan is found, the
-    paths in force stay. New holds, after a new keep-out or a departure, are then used only if every hold keeps
+    paths in force stay. After a new keep-out or a departure, the paths in force get new holds, if every new hold keeps
     separation, keep-outs and altitude limits.
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
@@ -389,9 +391,9 @@ def _target_times(
 ) -> np.ndarray:
     """Return the arrival times required after an event, (aircraft,), s after the start of the flight.
 
-    An event "arrival-put-off" delays the aircraft in the mask `can_replan`. If an aircraft leaves a sequence before the
-    arrival in `planned_times_s` (times before the event), the next aircraft arrive one spacing earlier, unless the
-    event keeps the gap. In all other cases the result is `times_s`, the times in force.
+    The result is `times_s`, the times in force, with two exceptions. An event "arrival-put-off" delays the aircraft in
+    the mask `can_replan`. If an aircraft leaves a sequence before its arrival (`planned_times_s`, before the event),
+    the aircraft behind arrive one spacing earlier, up to an aircraft outside the mask; not if `event.gaps` is "keep".
     """
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
@@ -444,7 +446,8 @@ def _search_plan(
 ) -> FlightState | None:
     """Search for a new plan that starts at `now_s` (s); return the flight's state with the plan, or None.
 
-    Each request is tried with at most 2 m/s^2 along the path, then with the limits plus the acceleration reserve.
+    Each request is tried first with an acceleration along the path of at most 2 m/s^2, then with the greater limits of
+    `correction_limits`.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
     limit_sets = (

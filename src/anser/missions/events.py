@@ -59,8 +59,8 @@ class _FleetGoals:
         """Return each aircraft's distance from the rendezvous of each departed aircraft, (aircraft, departure), m.
 
         The rendezvous is extrapolated to the planned arrival of the aircraft that would take over. The distance is
-        `_INFEASIBLE_M` if the aircraft cannot be replanned; if even a straight flight would arrive too late; or if the
-        present goal would lose its only aircraft, unless the event asks for the "nearest" aircraft.
+        `_INFEASIBLE_M` for an aircraft that cannot be replanned, or would arrive too late even in a straight flight.
+        The same holds for the only aircraft of a goal, unless the event asks for the "nearest" aircraft.
 
         `departures` are pairs (index of the departed aircraft, event).
         """
@@ -98,11 +98,11 @@ def reassign_goals(
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
 
-    The assignment of the most goals with the least sum of distances is tried first. If no plan is found, the pair with
-    the longest distance is excluded.
+    The assignment of the most goals with the least sum of distances is tried first. If no plan is found, the pair of
+    aircraft and goal with the longest distance is excluded, and the next assignment is tried.
 
     Returns the flight and the state with the new goals and plan (unchanged if no goal is reassigned), the name of each
-    aircraft's goal, and the outcome for each goal to take over.
+    aircraft's goal, and the outcome of each event that asks for a takeover.
     """
     requests = [event for event in departures if event.goal_taken_over_by is not None]
     if not requests:
@@ -152,8 +152,8 @@ def reassign_goals(
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
     """Return the assignment of aircraft to goals that serves the most goals, with the least sum of distances (m).
 
-    The result has pairs (index of the aircraft that takes over, column of `distances` and `departures`). An aircraft
-    may leave its present goal without any aircraft only if the event asks for the "nearest" aircraft.
+    The result has pairs (index of the aircraft that takes over, column of `distances` and `departures`). The last
+    aircraft of a goal can be assigned to another goal only if the event asks for the "nearest" aircraft.
     """
     from scipy.optimize import linear_sum_assignment  # the import takes half a second
 
@@ -226,7 +226,7 @@ def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) 
 
 
 def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
-    """Return the index of an aircraft's group, and the aircraft's row in the group, from the index in the fleet."""
+    """Return the index of the group to which an aircraft belongs, and the index of the aircraft in the group."""
     return next((k, kind.members.index(aircraft)) for k, kind in enumerate(flight.groups) if aircraft in kind.members)
 
 
@@ -294,7 +294,8 @@ class EventSchedule:
     def steps_until_next(self, sample: int, steps_max: int) -> int:
         """Return the number of steps from `sample` to the next event, at most `steps_max`.
 
-        After a goal event, the steps also end with the step at the next replanning time, for `check_replanning`.
+        After an event of a goal (`GOAL_EVENTS`), the last step is at the latest the step at the next replanning time,
+        because `check_replanning` must follow.
         """
         steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
@@ -302,10 +303,10 @@ class EventSchedule:
         return steps
 
     def check_replanning(self, flight: Flight, state: FlightState, sample: int) -> FlightState:
-        """Search for a new plan if periodic replanning has failed after a change of a goal, and return the state.
+        """Search for a new plan if periodic replanning fails after an event of a goal, and return the state.
 
-        At most three searches follow a goal event. The checks end when a search finds a plan, or when periodic
-        replanning succeeds later than 10 s after the event. If no plan is found, the state is unchanged.
+        At most three searches follow an event of a goal (`GOAL_EVENTS`). The checks end when a search finds a plan, or
+        when periodic replanning succeeds later than 10 s after the event. Without a new plan, the state is unchanged.
         """
         if self._goal_event is None:
             return state

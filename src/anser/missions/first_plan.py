@@ -59,7 +59,7 @@ PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 
 
 def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
-    """Return None: no program is prepared. This is the default `prepare_next` of `anser.plan`."""
+    """Return None, because no program follows. This function is the default `prepare_next` of `anser.plan`."""
 
 
 class NoPlanError(Exception):
@@ -71,7 +71,7 @@ class NoPlanError(Exception):
 
 
 class PlanFileError(ValueError):
-    """The file contains no plan, is damaged, or has the plan of another scenario or version of anser."""
+    """The file contains no plan, is damaged, belongs to another scenario, or is from another version of anser."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,12 +79,12 @@ class FirstPlan(abc.ABC):
     """The first plan of a scenario, made before the flight; the printed form lists arrival times and problems."""
 
     scenario: Scenario  #: Planned scenario.
-    flight: Flight  #: The flight, padded with inactive aircraft to a size with a compiled program.
+    flight: Flight  #: The flight, with inactive aircraft added so that fleets of several sizes share programs.
     fleet: TrimmedFleet  #: The aircraft of `flight`, trimmed at the start.
     refusals: tuple[Refusal, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
-    plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None if no plan
-    start_state: FlightState | None = None  # state of the fleet at the start, if computed together with the plan
-    state_type: ClassVar[type]  # type of `saved_state`, by which a plan file is read
+    plan_state: Any = None  # planner state at time 0, with the plan of all aircraft of `flight`; None: no plan
+    start_state: FlightState | None = None  # flight state at time 0, if computed together with the plan
+    state_type: ClassVar[type]  # type that `saved_state` returns; a plan file is read as this type
 
     @classmethod
     @abc.abstractmethod
@@ -122,7 +122,7 @@ class FirstPlan(abc.ABC):
         return initialize_compiled(self.flight, self.fleet, self._planned_state())
 
     def saved_state(self) -> Any:
-        """Return the content of a plan file: a module of arrays. Raises `NoPlanError` if there is no plan."""
+        """Return the content of a plan file, an Equinox module. Raises `NoPlanError` if there is no plan."""
         return self._planned_state()
 
     def _planned_state(self) -> Any:
@@ -135,7 +135,7 @@ class FirstPlan(abc.ABC):
         """Return samples of the plan over time and the planner's report. Raises `NoPlanError` if there is no plan."""
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
-        """Compute the entry `network` of a flight's summary; None for a fleet with a central planner."""
+        """Compute the entry `network` of a summary from recorded times (s) and variables; None: central planner."""
         return None
 
     @property
@@ -191,7 +191,7 @@ def aircraft_planner(flight: Flight) -> CertifiedPlanner:
 
 
 def start_next(prepare_next: PrepareNext, flight: Flight, shapes: Any) -> None:
-    """Start the compilation of the program needed after planning, if `prepare_next` returns one."""
+    """Start to compile the program, if any, that `prepare_next` returns for a flight and the shapes of its state."""
     following = prepare_next(flight, shapes)
     if following is not None:
         following.start()
@@ -294,8 +294,8 @@ class PublishedFirstPlan(FirstPlan):
     def problems(self) -> tuple[str, ...]:
         """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
 
-        Obstacles are an arrival after the end of the flight, an error status at the start, a failure of the planner,
-        and a violated limit.
+        Obstacles are an arrival after the end of the flight, an aircraft with an error status at the start, a failure
+        of the planner, and a violated limit.
         """
         problems, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:
@@ -324,7 +324,7 @@ class PublishedFirstPlan(FirstPlan):
 
 
 def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
-    """Return |wind(rendezvous, `arrival_s`) - wind(start, 0)| of an aircraft, m/s."""
+    """Return the difference (magnitude, m/s) between the wind at the start and at the rendezvous at `arrival_s` (s)."""
     if scenario.wind.field is None:
         up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
@@ -365,10 +365,10 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
 def _search_without_difference(
     planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
 ) -> tuple[Refusal, ...]:
-    """Test whether the wind field's difference from the planner's wind layers is the reason for a missing plan.
+    """Test whether no plan was found because the wind field differs from the layers fitted to the field for planning.
 
-    Returns the reason if a new search without this difference finds a plan. The result is empty if the search finds no
-    plan, or if there is no wind field. `outcome` is the result of the failed search, without padding.
+    If a new search in the wind of the layers alone finds a plan, the result is this reason. The result is empty if the
+    search finds no plan, or if there is no wind field. `outcome` is the result of the failed search, without padding.
     """
     if not isinstance(planner.airspace.wind, FittedWind):
         return ()
@@ -454,8 +454,8 @@ class CertifiedFirstPlan(FirstPlan):
     def notes(self) -> tuple[str, ...]:
         """Return the notes on the plan, one sentence each; empty if there is no plan.
 
-        Notes concern the approximation of a wind field, mean airspeeds other than preferred, and the start of a
-        sequence.
+        A note states how much a wind field differs from the layers of wind used for planning, which mean airspeeds
+        differ from the preferred airspeed, or when a sequence of arrivals begins.
         """
         if self.plan_state is None:
             return ()
@@ -506,7 +506,7 @@ class CertifiedFirstPlan(FirstPlan):
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
     """Return the arrival rule of a scenario with its arrival times, offsets or windows (s), as input of the search.
 
-    The values of the last aircraft are repeated up to `count` aircraft. If `count` is None, no value is repeated.
+    The values of the last aircraft are repeated for padding up to `count` aircraft; `count` None: no padding.
     """
     arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
@@ -552,8 +552,8 @@ def _rough_flight_time_s(scenario: Scenario) -> float:
 def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:
     """Start to compile the programs of a search for a plan, for the shapes of `tasks` (arrays or shapes).
 
-    Returns the shapes of the programs' results; the last two results are plan and holds. If the number of intervals per
-    path is uncertain, nothing is compiled and the list is empty.
+    Returns the shapes of the programs' results; the last two results are plan and holds. If the estimated flight time
+    does not determine the number of intervals per path, nothing is compiled and the list is empty.
     """
     programs = planner.prepare_programs(tasks, _rough_flight_time_s(scenario), scenario.timing.duration_s)
     return [program.start().shapes for program in programs]
@@ -568,8 +568,8 @@ def start_programs(
 ) -> None:
     """Start to compile the programs of the search, of the state at time 0, and of `prepare_next`.
 
-    `trim` is the prepared program that trims the fleet. Programs for equal sizes are started only once if
-    `prepare_next` is `prepare_nothing`.
+    `trim` is the prepared program that trims the fleet. If `prepare_next` is `prepare_nothing`, a second call for plans
+    of the same sizes starts nothing.
     """
     fleet, tasks = trim.shapes
     longest_s = _rough_flight_time_s(scenario)

@@ -121,32 +121,32 @@ def fly_many(
     precision: Precision = "float64",
     outputs: OutputRecording | None = None,
 ) -> list[FlightRow]:
-    """Fly many scenarios in batches of equal structure, with the same summary as `anser.run`.
+    """Fly many scenarios in batches of equal structure, and summarize each flight as `anser.run` does.
 
     Parameters
     ----------
     cases
-        Flights. Scenarios with events or without a central planner, which plan during the flight, are flown singly;
-        their cases must have the number 0 and no `randomness`.
+        Flights. A scenario with events to which the planner responds, or without a central planner, is flown singly;
+        its case must have the number 0 and no `randomness`.
     progress
         Called with a description of the current work and its completed share, 0..1.
     batch
         Number of flights in one compiled call; fewer flights are padded to this number. Each number needs a compiled
         program of its own. None: the number of flights that are not flown singly, at most `BATCH`.
     on_rows
-        Called with the indices of finished flights in `cases` and their rows: once for all flights that do not allow
-        the precision, then after each batch and after each flight that is flown singly.
+        Called with the indices in `cases` and the result rows of finished flights: first once for the flights that are
+        refused because of the precision, then after each batch and after each flight that is flown singly.
     series
         Variables recorded over time; None: no series.
     precision
-        Precision of the flights; planning always uses float64. For a scenario that does not allow the precision the row
-        contains the reason.
+        Precision of the flights; planning always uses float64. For a scenario that does not allow the precision, the
+        result row contains the reason.
     outputs
-        Further outputs of each flight; None: none.
+        Outputs of a study, computed for each flight; None: none.
 
     Returns
     -------
-    Rows in the order of `cases`.
+    Result rows, in the order of `cases`.
 
     Raises
     ------
@@ -267,8 +267,8 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: Output
 class _FlightGroup:
     """Flights of equal structure that wait for a batch.
 
-    An array that has differed between the flights of a batch keeps a batch axis in later batches; other arrays are
-    shared.
+    An array that differs between the flights of a batch has a batch axis in this batch and in later batches, which then
+    need no other compiled program; all flights share the arrays that do not differ.
     """
 
     def __init__(self) -> None:
@@ -377,7 +377,7 @@ def _fly_batch(
 
 
 def _start_planning_programs(scenario: Scenario, flight: Flight, flights: _FlightBatch) -> None:
-    """Start to compile the programs that trim a batch and search the plan of a single flight."""
+    """Start to compile the programs that trim a batch and search for the plan of a single flight."""
     _, tasks = _trim_and_build_tasks.prepare(flights).start().shapes
     one_flight = jax.tree.map(lambda shape: jax.ShapeDtypeStruct(shape.shape[1:], shape.dtype), tasks)
     start_search_programs(scenario, aircraft_planner(flight), one_flight)
@@ -435,7 +435,7 @@ class _FlownBatch:
     """Batch in flight: the constant arguments of the program that flies segments."""
 
     flights: _FlightBatch  # flights in the precision of the steps
-    required: _RequiredDistances  # separation and keep-outs to compare with
+    required: _RequiredDistances  # separation and keep-outs with which the recorders compare the flown distances
     first_summaries: Any  # states of the recorders before the first step
     steps: int  # number of steps of a flight
     series: SeriesSelection | None
@@ -447,7 +447,7 @@ class _FlownBatch:
         return 1 if self.series is None else self.series.recording_stride
 
     def arguments(self, state: BatchState, first_sample: int, step_count: int) -> tuple[Any, ...]:
-        """Return the arguments of the program that flies a segment from a state, or from the shapes of a state."""
+        """Return the arguments of the program that flies a segment from `state`, a state or shapes of a state."""
         numbers = (as_array(number, np.int32) for number in (first_sample, step_count, self.steps))
         # the program of flights without outputs has no argument for them
         selections = (self.series,) if self.outputs is None else (self.series, self.outputs)

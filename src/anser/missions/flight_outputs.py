@@ -149,7 +149,7 @@ class OutputFormula(NamedTuple):
 class OutputRecording(eqx.Module):
     """Selection of the outputs that are computed for many flights during the flights."""
 
-    formulas: tuple[tuple[str, OutputFormula], ...] = eqx.field(static=True)  # by name of the output
+    formulas: tuple[tuple[str, OutputFormula], ...] = eqx.field(static=True)  # (name of the output, formula)
 
     @classmethod
     def of_study(cls, outputs: Sequence[FlightOutput], scenario: Scenario) -> "OutputRecording | None":
@@ -163,7 +163,7 @@ class OutputRecording(eqx.Module):
         return cls(tuple((o.name, formula(o)) for o in outputs)) if outputs else None
 
     def recorder(self, inner: AbstractRecorder, last_sample: Integer | None) -> "OutputRecorder":
-        """Return a recorder of the outputs and of the recorder `inner`; samples after `last_sample` add no outputs."""
+        """Return a recorder that adds the outputs to the recorder `inner`; samples after `last_sample` do not count."""
         formulas = tuple(formula for _, formula in self.formulas)
         return OutputRecorder(inner=inner, formulas=formulas, last_sample=last_sample, stride=inner.stride)
 
@@ -187,7 +187,7 @@ class OutputRecording(eqx.Module):
 
 
 class OutputRecorder(AbstractRecorder):
-    """Recorder of outputs beside an inner recorder; its state is the pair (inner state, running values)."""
+    """Recorder that adds outputs to an inner recorder; recorder state: the pair (inner state, running values)."""
 
     inner: AbstractRecorder  # recorder that stores the rows
     formulas: tuple[OutputFormula, ...] = eqx.field(static=True)
@@ -195,7 +195,7 @@ class OutputRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True)  # steps between two rows of the inner recorder
 
     def init(self, aircraft: int) -> tuple[Any, Any]:
-        """Return the pair (state of the inner recorder, running values) before the first sample."""
+        """Return the pair (state of the inner recorder, running values) at the start; `aircraft`: size of the fleet."""
         running = tuple((jnp.asarray(value), jnp.asarray(weight)) for value, weight in (f.start for f in self.formulas))
         return self.inner.init(aircraft), running
 

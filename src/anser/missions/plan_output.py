@@ -83,7 +83,8 @@ def record_user_plan(
 ) -> RecordedPlan:
     """Return the samples and the report of a user-defined planner's plan; no path is compared with the limits.
 
-    `paths` has the leading axis aircraft; `arrivals_s` are the arrival times, s; `gravity` is in m/s^2.
+    `paths` has the leading axis aircraft; `arrivals_s` are arrival times; `gravity` is in m/s^2; `problems` are the
+    obstacles to flying the plan.
     """
     count = len(scenario.aircraft)
     details = PlanDetails(
@@ -191,10 +192,10 @@ def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Return the limits without reserve, (aircraft,), by key of `anser.planning.limits.LIMITS`; SI units, rad.
+    """Return the limits of the scenario, (aircraft,), by key of `anser.planning.limits.LIMITS`; SI units, rad.
 
-    A limit that is missing in the scenario is taken from `derived`, the limits of the certified planner, with the
-    reserve added back. If `derived` is None, a missing limit is NaN.
+    A limit that is missing in the scenario is computed from `derived`, the limits of the certified planner, without the
+    planner's reserve for the autopilot. If `derived` is None, a missing limit is NaN.
     """
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:

@@ -265,7 +265,7 @@ _SAME_TIME_S = 1e-6
 
 
 class PlannedPath(Protocol):
-    """Interface of the paths over time of any planner; NED, SI units."""
+    """Interface of a planned path, by which the paths of every planner are sampled; NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
@@ -396,8 +396,9 @@ def _along_at_start(
 ) -> tuple[Any, Any]:
     """Return a path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start airspeed.
 
-    `along_path` is the acceleration along the path, m/s^2. A converted value is within the limit at the start
-    (`deceleration`, m/s^2) if and only if all samples keep the limits at their airspeed and load factor (`idle`).
+    `along_path`, `speed` and `load_factor` are samples of the path: acceleration along the path (m/s^2), airspeed (m/s)
+    and load factor. `deceleration` is the limit at the start (m/s^2), and `idle` its relative change. A converted value
+    keeps the limit at the start if and only if all samples keep the limits at their own airspeed and load factor.
     """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))

@@ -174,11 +174,11 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
 
 
 def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
-    """Return a finished plan for the flight of a scenario that may have further user-defined parts.
+    """Return a finished plan for the flight of `scenario`, which may have user-defined parts that the plan lacks.
 
-    The flight has the random numbers of the plan. Raises ValueError if the plan is the plan of another scenario, or was
-    made with other user-defined parts or another planner. Raises ScenarioError if an aircraft cannot be trimmed at its
-    start.
+    The flight uses the same random numbers as the planning. Raises ValueError if the plan is the plan of another
+    scenario, or was made with other user-defined parts or another planner. Raises ScenarioError if an aircraft cannot
+    be trimmed at its start.
     """
     if planned.scenario == scenario:
         return planned

@@ -69,10 +69,10 @@ def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
 
 
 def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_without: bool) -> tuple[Refusal, ...]:
-    """Return a reason for a missing plan: the wind field's difference from the planner's wind layers.
+    """Return the reason that no plan was found because the wind field differs from the layers fitted for planning.
 
-    `has_plan_without` must be True if a search without this difference found a plan; if False, the result is empty.
-    `outcome` is the result of the failed search.
+    `has_plan_without` must be True if a search in the wind of the layers alone found a plan; if False, the result is
+    empty. `outcome` is the result of the failed search.
     """
     if not has_plan_without:
         return ()
@@ -94,10 +94,10 @@ def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_wi
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:
-    """Return the reasons for which the search found no plan for a scenario's fleet, of the first kind that applies.
+    """Return the reasons for which the search found no plan for a scenario's fleet; all reasons are of one kind.
 
-    The kinds are: rendezvous points too close; aircraft that cannot meet the request alone; no common arrival time;
-    separation. `outcome` is the result of the search, without padding.
+    The kind is the first that applies: rendezvous points too close; aircraft that cannot meet the request alone; no
+    common arrival time; separation. `outcome` is the result of the search, without padding.
     """
     names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
     conflicts = _conflicting_rendezvous(names, fleet)
@@ -233,7 +233,7 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
     """Return the reasons for which aircraft can arrive but cannot hold afterwards, at most three.
 
     A reason names a pair whose holds (holding patterns) come too close, or an aircraft whose hold alone violates
-    altitude limits, keep-outs or distance from the goal. `holds` are the best holds for the plan up to the arrivals.
+    altitude limits, keep-outs or distance from the goal. `holds` are the best holds found for the planned arrivals.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     scenario_aircraft = slice(len(names))  # without the padding
@@ -366,7 +366,7 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out
 def _binding_constraint(
     aircraft: int, fleet: FleetTask, requested_s: float, keep_outs: Sequence[str]
 ) -> tuple[str, tuple[str, ...]]:
-    """Find the constraint of least relaxation with which an aircraft, flying alone, can arrive at `requested_s` (s).
+    """Find the constraint to be relaxed least so that an aircraft, flying alone, can arrive at `requested_s` (s).
 
     Returns a clause that names the constraint and its relaxation, and the scenario's keys of the constraint. If no
     single constraint relaxed by a factor of up to 4 suffices, the clause says so, and the keys are ().

@@ -33,7 +33,7 @@ from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precisio
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
-    """Whether a scenario must be flown alone, because of events for the planner or a decentralised planner."""
+    """Whether a scenario must be flown alone, because the planner responds to events or is decentralised."""
     is_central = scenario.fleet.is_central or user_parts(scenario).planner is not None
     return bool(scenario.planned_events) or not is_central
 
@@ -58,7 +58,7 @@ def check_precision(scenario: Scenario, precision: Precision, source: str | None
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
-    """Return the reasons why scenarios cannot be flown in a precision, by index; other scenarios are left out."""
+    """Return the reason for each scenario that cannot be flown in a precision, by index in `scenarios`."""
     problems = {k: _precision_problem(scenario, precision) for k, scenario in enumerate(scenarios)}
     return {k: str(problem) for k, problem in problems.items() if problem is not None}
 
@@ -172,7 +172,7 @@ def run(
         during planning, replanning and the final summary.
     planned
         A finished plan of this scenario, from `anser.plan` or `anser.missions.read_plan`; None: the scenario is planned
-        first. The flight may have further user-defined parts, but not another planner.
+        first. The flight may have user-defined parts that the plan lacks, but not another planner.
     precision
         Precision of the flight; planning always uses float64.
     controller, guidance, sensors, estimator, planner
@@ -180,8 +180,8 @@ def run(
         `anser.parts.AbstractController` and so on, or a name as text ("my_package:MyController"). Except for `planner`,
         also a mapping from names of aircraft to parts.
     on_segment
-        Called after each segment of the flight with the times of the steps, s, and the recorded values by key of the
-        catalogue, (time, aircraft), SI units and radians.
+        Called after each segment of the flight with the times of the steps, s, and the recorded values by key of
+        `anser.variables.CATALOGUE`, (time, aircraft), SI units and radians.
 
     Raises
     ------

@@ -53,7 +53,7 @@ class SavedFlight:
         return FlightPlots(self.dataset)
 
     def show(self) -> Path:
-        """Write the interactive report into a new temporary folder, open it in the browser and return its path."""
+        """Write the interactive report to a new temporary file, open the file in the browser, and return its path."""
         page = self.report(Path(tempfile.mkdtemp(prefix="anser-")) / "report.html")
         webbrowser.open(page.as_uri())
         return page

@@ -1,7 +1,7 @@
 """Segments of flights, each flown by one call of a compiled program, and replanning between two steps.
 
-The compiled loop only corrects plans. If a new plan is needed, the flight stops at this sample, and the programs of a
-search for a first plan make the new plan.
+The compiled steps only correct a plan. At a sample at which the flight needs a new plan, the compiled steps end, and
+`replan_between_steps` of the planner makes the new plan.
 """
 
 import functools
@@ -31,7 +31,7 @@ _SHORT_SEGMENTS = 6  # number of segments from one planning time to the next tha
 
 
 def segment_program(flight: Flight) -> Program[..., Any]:
-    """Return the program of a flight's segments, by number of aircraft: `fly_segment` or `fly_large_segment`."""
+    """Return the program that flies segments: `fly_segment` for up to four aircraft, `fly_large_segment` for more."""
     return fly_segment if flight.count <= _KERNEL_AIRCRAFT else fly_large_segment
 
 
@@ -78,7 +78,7 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 @compiled_quickly
 def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> AircraftReport:
-    """Return the aircraft's reports to the planner at sample `sample`, in fleet order; a compiled program."""
+    """Return the aircraft's reports to the planner at sample `sample`, in fleet order, by a compiled program."""
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
 

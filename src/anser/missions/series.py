@@ -38,7 +38,7 @@ class SeriesSelection(eqx.Module):
 
     @property
     def recording_stride(self) -> int:
-        """Number of steps between two rows recorded by the compiled program; divides the length of every segment.
+        """Number of steps between two rows recorded by the compiled program; a divisor of every segment's step count.
 
         The program may record more rows than the series has; `segment_rows` selects the rows of the series.
         """
@@ -97,12 +97,12 @@ class SeriesSelection(eqx.Module):
 class SeriesRecorder(AbstractRecorder):
     """Recorder of the running summary and of selected variables; variables absent from a flight are omitted."""
 
-    summary: SummaryRecorder  # recorder of the summary; its state is the recorder state
+    summary: SummaryRecorder  # recorder of the summary; the state of a `SeriesRecorder` is the state of `summary`
     keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
     stride: int = eqx.field(static=True)  # steps between two rows
 
     def init(self, aircraft: int) -> tuple[FleetSummary, Any]:
-        """Return the recorder state before the first sample: the summary of no samples."""
+        """Return the recorder state at the start, the summary of no samples; `aircraft`: number of aircraft."""
         return self.summary.init(aircraft)
 
     def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:

@@ -54,7 +54,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Return swept values as booleans, numbers (float64) or texts; among texts, other values become JSON texts."""
+    """Return an array of booleans, of numbers (float64) or of texts; values of other or mixed types as JSON texts."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):

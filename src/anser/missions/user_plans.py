@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PathThroughAir(eqx.Module):
-    """Trajectory of a user-defined planner, with the velocity relative to the air from the wind of the flight."""
+    """Trajectory of a user-defined planner; the velocity relative to the air is computed with the flight's wind."""
 
     trajectory: AbstractReference
     wind: AbstractWind

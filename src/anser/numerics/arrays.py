@@ -24,7 +24,7 @@ _SHARED_MAX = 16
 
 
 def namespace(*values: Any) -> ModuleType:
-    """Return the module `jax.numpy` if any value is traced, otherwise `numpy`, with which no program is compiled."""
+    """Return the module `jax.numpy` if any value is traced; if not, return `numpy`, which compiles nothing."""
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)) else np
 
 
@@ -140,7 +140,7 @@ class Stacked(eqx.Module, Generic[T]):
     shared: T  # leaves equal for every object; None in place of batched leaves
 
     def combine(self, batched: T) -> T:
-        """Return one object from `batched`, the object's slice of the attribute `batched`, and the shared leaves."""
+        """Return the object with the shared leaves and the leaves `batched`, a slice of the attribute of this name."""
         return eqx.combine(batched, self.shared)
 
     def at(self, index: int) -> T:
@@ -155,7 +155,7 @@ class Stacked(eqx.Module, Generic[T]):
         return jax.vmap(lambda batched, *slices: function(self.combine(batched), *slices))(self.batched, *arguments)
 
     def loop(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of `map`, computed for one object after another: less code, slower for many objects."""
+        """Return the result of `map`, computed for one object after another: less code to compile, but slower."""
         return jax.lax.map(lambda rows: function(self.combine(rows[0]), *rows[1:]), (self.batched, *arguments))
 
 
@@ -178,7 +178,7 @@ def stack_objects(
     parts: Sequence[T],  # objects, one or more
     *,
     # True: arrays with fewer than two dimensions are batched even if equal. The compiled program is then the same for
-    # equal and for different numbers
+    # equal and for different numbers. False: equal arrays of any dimension are shared
     tables_only: bool = True,
     batched: Callable[[T], Any] | None = None,  # selects a subtree that is batched even if equal; None: no subtree
 ) -> Stacked[T]:
@@ -253,8 +253,8 @@ def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bo
 def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
     """Return the pytree `new()` if the flag `chosen` is true, `old` if not; for updates that are rare.
 
-    In a batch under `vmap`, `new` is evaluated only if any flag is true; in a single-kernel program `new` is always
-    evaluated.
+    In a batch under `vmap`, `new` is evaluated only if any flag is true; in code for a single kernel (see
+    `is_tracing_single_kernel`), `new` is always evaluated.
     """
 
     def select() -> T:

@@ -70,7 +70,7 @@ class SearchState(NamedTuple):
 def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState:
     """Return the search state before the first step.
 
-    `unevaluated` must have the structure and shapes of linearized equations, with an infinite cost.
+    `unevaluated` stands in for the linearized equations: the same structure and shapes, with an infinite cost.
     """
     return SearchState(context, start, start, unevaluated, jnp.asarray(jnp.nan))
 

@@ -8,13 +8,13 @@ import numpy as np
 
 @functools.lru_cache(maxsize=256)
 def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) -> tuple[float, ...]:
-    """Return phases (rad) of cosines with which the relative peak factor of their sum is small.
+    """Return phases (rad) that give a sum of cosines a small relative peak factor.
 
     `harmonics` are the rising numbers of periods of each cosine in the period of the sum. The relative peak factor is
     (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine, 1.0 to 1.15 for the result. Equal arguments
-    always give equal phases. If the count of harmonics times the greatest number exceeds 3600, the phases are
+    always give equal phases. If the number of cosines times the greatest harmonic exceeds 3600, the phases are
     Schroeder's, with a peak factor of 1.2 to 1.5. Sources: M. R. Schroeder, IEEE Trans. Information Theory 16(1), 1970;
-    E. A. Morelli, AIAA-2003-5371 (measure).
+    E. A. Morelli, AIAA-2003-5371 (peak factor).
     """
     k, A = np.asarray(harmonics, dtype=float), np.asarray(amplitudes)
     count = k.size
@@ -30,7 +30,7 @@ def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) 
         return np.einsum("tk,k->t", cosines, np.cos(phases)) - np.einsum("tk,k->t", sines, np.sin(phases))
 
     def smooth_range(phases: np.ndarray, sharpness: float) -> tuple[float, np.ndarray]:
-        """Return the smoothed range of the sum's values, and its gradient with respect to the phases."""
+        """Return the range of the sum's values, smoothed less for greater `sharpness`, and its derivatives."""
         u, cosine, sine = total(phases), np.cos(phases), np.sin(phases)
         high, low = np.exp(sharpness * (u - u.max())), np.exp(-sharpness * (u - u.min()))
         value = np.ptp(u) + (np.log(high.sum()) + np.log(low.sum())) / sharpness

@@ -147,7 +147,7 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
 
 
 def _common_step(points: np.ndarray) -> float | None:
-    """Return the greatest step that divides the distance of every breakpoint from the first; None if too small."""
+    """Return the greatest step that divides the distance of every breakpoint from the first; None if not found."""
     smallest_interval = float(np.min(np.diff(points)))
     for parts in range(1, _PARTS_MAX + 1):
         positions = (points - points[0]) / (smallest_interval / parts)

@@ -18,7 +18,7 @@ TimeHistory = Float[np.ndarray, " time"]
 
 
 class AbstractSignal(eqx.Module):
-    """Signal as a function of time, in any unit, whose parameters are numbers; for use in compiled flights."""
+    """Signal as a function of time, in any unit; compiled flights can take the signal as an argument."""
 
     @abc.abstractmethod
     def at(self, time: Any) -> Any:
@@ -149,7 +149,7 @@ class InputSignal:
         return self.signal.at(np.asarray(time_s, dtype=float))
 
     def require_sampling(self, step_s: float, place: str) -> None:
-        """Raise ValueError, with the text `place`, if a sine of the signal is faster than half the sampling rate."""
+        """Raise ValueError if a sine is faster than half the sampling rate; `place` names the input in the message."""
         highest_hz = self.signal.highest_frequency()
         if highest_hz > 0.5 / step_s * (1.0 + 1e-9):
             raise ValueError(
@@ -244,9 +244,9 @@ def multisine(
     """Return a sum of harmonics of 1 / `duration_s` between two frequencies, with phases for a small peak factor.
 
     The harmonics are distributed in turn over `channels` inputs. Signals of different `channel` with the same duration
-    are orthogonal, and can excite several surfaces at the same time. The signal starts near zero. The relative peak
-    factor is 1.0 to 1.15 for up to about 60 harmonics (optimized phases), and 1.2 to 1.5 for more harmonics
-    (Schroeder's phases).
+    are orthogonal, and can excite several surfaces at the same time. The signal starts near zero. The peak factor,
+    relative to a single sine, is 1.0 to 1.15 for up to about 60 harmonics (optimized phases), and 1.2 to 1.5 for more
+    harmonics (Schroeder's phases).
 
     Raises ValueError if an argument is out of range, or a channel gets no harmonic.
 

@@ -9,7 +9,7 @@ import equinox as eqx
 class AbstractPart(eqx.Module):
     """Base of the interfaces of user-defined parts.
 
-    A subclass with a field that has the name of a base class's method raises TypeError at its definition.
+    The definition of a subclass raises TypeError if a field of it has the name of a method of a base class.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -114,7 +114,7 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
 def rescale_command(command: PathCommand, scale: Vector3) -> PathCommand:
     """Return a command whose velocity is multiplied by `scale`, a constant factor for each NED component.
 
-    The function converts a command between rates of chart coordinates and velocities. Test inputs are dropped.
+    The function converts a command between velocities and rates of chart coordinates. Test inputs are dropped.
     """
 
     def cartesian(V: Scalar, gamma: Scalar, chi: Scalar) -> Vector3:

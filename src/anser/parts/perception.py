@@ -162,8 +162,8 @@ class Truth(eqx.Module):
 class GoalReading(eqx.Module):
     """Measurement of a goal by a sensor with errors at one sample, or an empty reading."""
 
-    #: Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
-    #: goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
+    #: Kind "sight": range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three. Kind
+    #: "report": position (NED, m) and velocity (NED, m/s) in the Earth's chart.
     values: Float[Array, "6"]
     sigmas: Float[Array, "6"]  #: Standard deviations of the errors, in the units of `values`.
     measured: Bool[Array, "6"]  #: Flags of the measured components; all False in an empty reading.
@@ -216,7 +216,7 @@ class Reading(eqx.Module):
 class Belief(eqx.Module):
     """An aircraft's own estimate of its state and of its goal: the only input of guidance and controller."""
 
-    #: The airframe as the aircraft knows it, and air data, forces and moments of this airframe at the estimated state.
+    #: Airframe model that the aircraft assumes, estimated state, and air data, forces and moments from both.
     airframe: AbstractAirframe
     state: AircraftState
     condition: AirDataAndForces
@@ -246,8 +246,8 @@ class Uncertainty(eqx.Module):
     """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal."""
 
     position_covariance: Matrix33  # covariance of the aircraft's position, NED, m^2
-    # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight, the covariance includes the
-    # uncertainty of the aircraft's position
+    # covariance of the goal's position and velocity, NED, m and m/s; if lines of sight are measured, the covariance
+    # includes the uncertainty of the aircraft's position
     goal_covariance: Float[Array, "6 6"]
     goal_is_measured: Flag  # whether a measurement of the goal arrived at this sample
     # normalised innovation squared of the goal's last measurement, divided by the dimension; 1 on average

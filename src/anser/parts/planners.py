@@ -1,4 +1,4 @@
-"""Interface of planners: from reports and performance of all aircraft to a plan for every aircraft."""
+"""Interface of planners, which make a plan for every aircraft from reports and performance of all aircraft."""
 
 import abc
 from collections.abc import Iterator
@@ -86,9 +86,9 @@ def final_air_velocity(
     Parameters
     ----------
     line_n
-        Vector from start to rendezvous in the frame of the moving air, NED, m: the direction of arrival if none is
-        prescribed. If only course or path angle is prescribed, this direction, seen from the ground, gives the other
-        angle.
+        Vector from start to rendezvous in the frame of the moving air, NED, m. If no direction is prescribed, the
+        aircraft arrives along `line_n`. If only course or path angle is prescribed, the missing angle over the ground
+        is taken from a flight along `line_n`.
     speed, wind_n
         Airspeed at arrival, m/s, and steady wind, NED, m/s.
 
@@ -118,8 +118,8 @@ _LEAST = 0.05  # least deceleration, as a ratio to the deceleration at the start
 class IdleDeceleration(eqx.Module):
     """Deceleration with idle thrust, (drag - thrust) / mass, as a table over airspeed; stacked for a fleet.
 
-    The values are ratios to the deceleration at the start (`Performance.deceleration`), linear between the airspeeds of
-    the table and constant beyond. The methods take one airspeed (m/s) and load factor, or arrays of equal length.
+    The values are ratios to the deceleration at the start (see `Performance.idle`), linear between the airspeeds of the
+    table and constant beyond. The methods take one airspeed (m/s) and load factor, or arrays of equal length.
     """
 
     speeds: Float[Array, "*aircraft entries"]  # airspeeds of the table, rising, m/s
@@ -182,7 +182,7 @@ class IdleDeceleration(eqx.Module):
 
 
 def _expand_entries(values: Any, entries: Any) -> Any:
-    """Return table entries with leading axes of length 1, which broadcast along a new last axis of `values`."""
+    """Return table entries with an axis of length 1 in front for each axis of `values`, for broadcasting."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 
 
@@ -215,8 +215,8 @@ class AircraftReport(eqx.Module):
 class Performance(eqx.Module):
     """Greatest acceleration and deceleration along the path of one aircraft; stacked for a fleet."""
 
-    deceleration: Float[Array, "..."]  #: Idle thrust, level flight at the airspeed of the start, m/s^2.
-    acceleration: Float[Array, "..."]  #: Full thrust, level flight at the airspeed of the start, m/s^2.
+    deceleration: Float[Array, "..."]  #: With idle thrust, in level flight at the airspeed of the start, m/s^2.
+    acceleration: Float[Array, "..."]  #: With full thrust, in level flight at the airspeed of the start, m/s^2.
     #: Deceleration at other airspeeds and load factors, as a ratio to the greater of `deceleration` and
     #: `ACCELERATION_FLOOR` of `anser.steady.performance`.
     idle: IdleDeceleration
@@ -225,9 +225,10 @@ class Performance(eqx.Module):
 class NetworkView(eqx.Module):
     """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet."""
 
-    lag: Scalar  #: True time minus the clock by which the aircraft flies along its path, s.
-    rate: Scalar  #: Rate of the clock; 1: as fast as time.
-    hears: Bool[Array, " aircraft"]  #: True for each aircraft of which a message arrived at the last exchange.
+    #: True time minus the aircraft's clock, s. On its path, the aircraft follows the point for the time of its clock.
+    lag: Scalar
+    rate: Scalar  #: Rate of the clock; 1: as fast as true time.
+    hears: Bool[Array, " aircraft"]  #: True for each aircraft from which a message arrived at the last exchange.
     offers: Flag  #: Whether the aircraft offers the fleet a new path.
 
 
@@ -242,13 +243,13 @@ class AircraftPlan(eqx.Module):
     #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
     status: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
-    #: Lateral bend of a path of the published planner, m; NaN for paths of other planners.
+    #: 16 times the greatest sideways offset by which the published planner lengthens a path, m; NaN: other planner.
     lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
     #: Origin of the plan: a code of `anser.planning.certified.replanning`, such as `FIRST_PLAN`.
     replanning: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     hold: Any = None  #: Planned motion after the arrival; None: the hold of the aircraft's mission.
-    #: Greatest distance by which the hold moves with a goal that deviates from its prediction, m. None: no such limit;
-    #: the hold follows small deviations, and is not flown after large deviations (see `hold_reference`).
+    #: Greatest distance by which the hold moves with a goal that deviates from its forecast, m. None: no such limit,
+    #: but the hold is flown only if the goal's velocity is close to the forecast (see `hold_reference`).
     hold_reach: Scalar | None = None
     network: NetworkView | None = None  #: Clock and message data; None if the fleet is not decentralised.
 
@@ -309,7 +310,7 @@ class AbstractPlanner(AbstractPart):
         """
 
     def initial_state(self, plan_state: Any, randomness: AbstractRandomness | None) -> Any:
-        """Return the planner state at time 0 for a first plan made before the flight; by default `plan_state`."""
+        """Return the planner state at time 0 from `plan_state`, the result of planning in advance; by default equal."""
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
@@ -334,7 +335,7 @@ class AbstractPlanner(AbstractPart):
         raise NotImplementedError(f"{type(self).__name__}.replan_needed asks for a plan: define replan_between_steps")
 
     def prepare_replanning(self, planner_state: Any, reports: AircraftReport) -> Iterator[PreparedProgram]:
-        """Yield the compiled programs of `replan_between_steps`, for the shapes of its arguments; by default none.
+        """Yield the programs of `replan_between_steps`, compiled for arguments of these shapes; by default none.
 
         If `searches_often` is True, the programs are compiled together with the steps of a flight with random numbers.
         """
@@ -357,7 +358,7 @@ class AbstractPlanner(AbstractPart):
     ) -> Any:
         """Return the planner state after one step of flight, whether or not a plan was made; by default unchanged.
 
-        `reports` and `number` (of the sample) are for the start of the step; `step` is the sampling period, s.
+        `reports` and the sample number `number` are for the start of the step; `step` is the sampling period, s.
         `randomness` is None in a flight without a seed.
         """
         return planner_state
@@ -365,7 +366,7 @@ class AbstractPlanner(AbstractPart):
     def plans(self, planner_state: Any) -> AircraftPlan:
         """Return the plan in force of every aircraft, stacked; leading axis aircraft.
 
-        By default the planner state must be an `AircraftPlan`; numbers that are common to the aircraft are repeated.
+        By default the planner state must be an `AircraftPlan`, and each scalar in it is repeated for every aircraft.
         """
         count = planner_state.arrival_time.shape[:1]
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, count) if jnp.ndim(leaf) == 0 else leaf, planner_state)

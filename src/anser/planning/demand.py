@@ -16,12 +16,12 @@ _SPEED_MIN = 1e-6  # m/s: keeps results finite in vertical flight
 
 
 class Demand(eqx.Module):
-    """Airspeed, and specific force that a motion requires: forces of wings and engine minus drag, per mass, m/s^2."""
+    """Airspeed of a motion, and required specific force: (forces of wings and engine minus drag) / mass, m/s^2."""
 
     speed: Scalar  #: Airspeed, m/s.
-    side: Scalar  #: Horizontal component normal to the velocity, right positive, m/s^2.
-    lift: Scalar  #: Component normal to the velocity and to `side`, up positive, m/s^2.
-    along: Scalar  #: Component along the velocity, V_dot + g sin(gamma), m/s^2.
+    side: Scalar  #: Horizontal component of the force normal to the velocity, right positive, m/s^2.
+    lift: Scalar  #: Component of the force normal to the velocity and to `side`, up positive, m/s^2.
+    along: Scalar  #: Component of the force along the velocity, V_dot + g sin(gamma), m/s^2.
 
     @property
     def bank(self) -> Scalar:
@@ -48,9 +48,11 @@ class Demand(eqx.Module):
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Return the excess of the required forces over three limits, m/s^2; negative within a limit.
 
-        1. Bank angle: abs(side) - lift * bank; the argument `bank` is the tangent of the greatest bank angle.
-        2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift; arguments in m/s^2.
-        3. Force along the velocity: the larger of along - acceleration and -along - deceleration; arguments in m/s^2.
+        The argument `bank` is the tangent of the greatest bank angle; the other arguments are limits in m/s^2.
+
+        1. Bank angle: abs(side) - lift * bank.
+        2. Force normal to the velocity: the larger of smooth_normal - normal (the argument) and lift_min - lift.
+        3. Force along the velocity: the larger of along - acceleration and -along - deceleration.
         """
         return (
             jnp.abs(self.side) - self.lift * bank,

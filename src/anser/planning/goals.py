@@ -20,7 +20,7 @@ class GoalMotion(eqx.Module):
     velocity_after_n: Vector3  #: Velocity after the last waypoint, NED, m/s.
 
     def _arrays(self, time: ScalarLike) -> tuple[ModuleType, Array, Array, Array, Array]:
-        """Return the array module, the three fields, and the velocity of each leg, (leg, axis), m/s."""
+        """Return the array module of fields and `time`, the fields as its arrays, and each leg's velocity, m/s."""
         xp = namespace(self, time)
         times, positions_n, velocity_after_n = map(xp.asarray, (self.times, self.positions_n, self.velocity_after_n))
         spans, steps = times[1:] - times[:-1], positions_n[1:] - positions_n[:-1]
@@ -28,7 +28,7 @@ class GoalMotion(eqx.Module):
         return xp, times, positions_n, velocity_after_n, leg_velocities
 
     def position_n(self, time: ScalarLike) -> Vector3:
-        """Return the position in the chart at a time (s), NED, m; before the first time, the first waypoint."""
+        """Return the position at a time (s), NED, m; before the first time, the first waypoint."""
         # Sum of the travelled parts of the legs: no search, and padded legs contribute 0.
         xp, times, positions_n, velocity_after_n, leg_velocities = self._arrays(time)
         covered = xp.clip(time - times[:-1], 0.0, times[1:] - times[:-1])
@@ -36,7 +36,7 @@ class GoalMotion(eqx.Module):
         return positions_n[0] + travelled + xp.maximum(time - times[-1], 0.0) * velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Return the velocity at a time (s), NED, m/s: 0 before the first time; at a waypoint, of the next leg."""
+        """Return the velocity at a time (s), NED, m/s; 0 before the first time; at a waypoint, the next leg counts."""
         xp, times, _, velocity_after_n, leg_velocities = self._arrays(time)
         on_leg = (time >= times[:-1]) & (time < times[1:])
         on_path = xp.sum(xp.where(on_leg[:, None], leg_velocities, 0.0), axis=0)

@@ -1,4 +1,4 @@
-"""Flight limits of a path, the catalogue of limits for checks, refusals and tables, and labels of paths for tables."""
+"""Flight limits of a path, a catalogue of these limits for checks, refusals and tables, and labels of paths."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ class PathLimits(eqx.Module):
 
     speed_min: Scalar  #: Least airspeed, m/s.
     speed_max: Scalar  #: Greatest airspeed, m/s.
-    bank_max: Scalar  #: Bank angle of a sustained turn, rad, below pi/2.
+    bank_max: Scalar  #: Greatest bank angle of a sustained turn, rad, below pi/2.
     climb_rate_max: Scalar  #: Greatest vertical speed relative to the air, up or down, m/s.
     altitude_min: Scalar  #: Least altitude, m.
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
     #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag, per mass. If `idle` is given: at load factor 1.
+    #: Greatest V_dot + g sin(gamma), engine force minus drag, per mass, m/s^2; with `idle`: value at load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Greatest -(V_dot + g sin(gamma)), m/s^2: engine idle. If `idle` is given: level flight at the start airspeed.
+    #: Greatest -(V_dot + g sin(gamma)), engine idle, m/s^2; with `idle`: value in level flight at the start airspeed.
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     #: Change of the deceleration with idle engine over airspeed and load factor; None: the deceleration is constant.
     idle: IdleDeceleration | None = None
@@ -78,16 +78,16 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """Catalogue entry of a path limit: bound of the least or greatest value of a flight quantity along the path."""
+    """Catalogue entry of a path limit, which bounds the least or greatest value (extreme) of a quantity on a path."""
 
-    key: str  # name of the bounded extreme: "airspeed_min"
+    key: str  # name of the extreme, such as "airspeed_min"
     field: str  # field of `PathLimits` with the value of the limit
-    suffix: str  # unit of the extreme in names: "m_s"
-    variable: str  # key of the bounded quantity in `anser.variables`
-    extreme: Callable[[np.ndarray, int], np.ndarray]  # least or greatest value along an axis
+    suffix: str  # unit in names of the extreme and of the limit, such as "m_s"
+    variable: str  # key of the quantity in `anser.variables`
+    extreme: Callable[[np.ndarray, int], np.ndarray]  # function from (values, axis) to the extreme along the axis
     description: str  # description of the extreme in tables and labels
     heading: str = ""  # short column heading; empty: the description
-    violation: str = ""  # end of a message; empty: the published planner does not check the limit
+    violation: str = ""  # predicate of "the trajectory ..."; empty: the published planner does not check the limit
     is_certified: bool = True  # whether the certified planner proves the limit
 
     @property
@@ -97,7 +97,7 @@ class Limit:
 
     @property
     def scenario_key(self) -> str:
-        """Key of the value in a scenario's table `limits`."""
+        """Key of the limit in a scenario's table `limits`."""
         return f"{self.field}_{self.suffix}" if self.suffix else self.field
 
     @property

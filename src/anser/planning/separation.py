@@ -43,7 +43,7 @@ def closest_fraction(
     change: Any,
     square_min: float = 1e-200,  # lower bound of the squared change, m^2; keeps derivatives finite
 ) -> Any:
-    """Return the fraction of the closest approach, 0 to 1, at which |begin + fraction * change| is least.
+    """Return the fraction of `change`, 0 to 1, at the closest approach: |begin + fraction * change| is least.
 
     The result has the shape (...), and is 0 if the relative position is constant.
     """

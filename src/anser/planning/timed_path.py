@@ -1,4 +1,4 @@
-"""Planned path of an aircraft: piecewise quintic in time, from position, velocity and acceleration at knots."""
+"""Planned path of an aircraft: piecewise quintic in time, given by position, velocity and acceleration at knots."""
 
 import jax
 import jax.numpy as jnp
@@ -42,9 +42,9 @@ def hermite_quintic(
 class TimedPath(AbstractReference):
     """Planned position of one aircraft over time: piecewise quintic, twice continuously differentiable over the ground.
 
-    The position over the ground is the path through the air plus the drift of the air, both quintics between knots. At
-    a jump of the wind's rate, there are two knots at one time: the second derivatives of `air_n` and of `drift_n` may
-    differ, but not their sum.
+    The position over the ground is the path through the air plus the drift of the air, both quintics between knots.
+    Where the rate of change of the wind jumps, two knots have the same time: the second derivatives of `air_n` and of
+    `drift_n` may jump there, but their sum is continuous.
     """
 
     #: Knot times, s, from the start to the arrival, not decreasing; two equal neighbours make an empty cell.
@@ -68,9 +68,9 @@ class TimedPath(AbstractReference):
         return self.times[-1] - self.times[0]
 
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
-        """Return value, first and second derivative (rows) at a time (s) of the sum of the knot tables' quintics.
+        """Return position, velocity and acceleration (rows) at a time (s), for the sum of the tables of knots.
 
-        Before the first and after the last knot, the result continues straight, with the velocity at the knot.
+        Before the first and after the last knot, the motion continues straight, with the velocity at the knot.
         """
         # Not jnp.clip, whose derivative at the bounds is one half.
         clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))

@@ -83,7 +83,7 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 def _draw_trim(
     axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Draw `values` of level flight over airspeed: a line, style `k`, within the airframe's limits, and dots beyond."""
+    """Draw `values` in level flight over airspeed: a line of style `k`, but dots where a limit is exceeded."""
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
@@ -247,7 +247,7 @@ def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
 
 
 def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (s) and `values` of a step response, preceded by a line at `initial_value` that ends at time 0."""
+    """Return time (s) and `values` of a step response, preceded by the constant `initial_value` up to time 0."""
     time = dataset["time"].values
     return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[initial_value, initial_value], values])
 

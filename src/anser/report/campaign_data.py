@@ -21,7 +21,7 @@ def json_numbers(values: np.ndarray) -> list[float | None]:
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """Quantiles of one variable over the flights of a campaign; a selection if flights, times or aircraft are many."""
+    """Quantiles of one recorded variable over flights of a campaign, for a selection of times and aircraft."""
 
     name: str
     long_name: str
@@ -80,7 +80,7 @@ class CampaignReport:
     independent: np.ndarray  # mask of the statistically independent flights, shape (flights,)
     worst: Sequence[int]  # numbers of the worst flights
     is_converged: bool = False  # True: the stopping rule ended the campaign early
-    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)  # values of text inputs, in order, by key path
+    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)  # values of each text input, by key path
     replays: Sequence[ReplayedFlight] = ()  # flights on the map
     replay_differences: Sequence[int] = ()  # numbers of the replayed flights with results that differ from the campaign
     bands: tuple[SeriesBands, ...] = ()  # quantiles of the variables recorded over time
@@ -162,10 +162,10 @@ def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confide
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Return bounds in increasing order, `kept`, and the % of flights within each bound, `part`, for a plot.
+    """Return the distribution of `values` for a plot: increasing bounds, `kept`, and % of flights within each, `part`.
 
-    A flight is within a bound if its value is at most (`upper`) or at least the bound. Infinite values of failed
-    flights are within no bound.
+    A flight is within a bound if its value is at most the bound (`upper` True) or at least the bound (False). Infinite
+    values, of failed flights, are within no bound.
     """
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
@@ -180,8 +180,8 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return inputs, outputs and numbers of the flights for scatter plots of the `quantities` over the inputs.
 
-    More than `_SCATTER_POINTS_MAX` flights are reduced to a selection; failed flights get at least half of the points,
-    if there are so many. `drawn` is [number of selected flights, number of all flights].
+    More than `_SCATTER_POINTS_MAX` flights are reduced to a selection, of which at least half is reserved for failed
+    flights; other flights fill the rest. `drawn` is [number of selected flights, number of all flights].
     """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))

@@ -105,7 +105,7 @@ def _draw_shares_below(axes: "Axes", values: np.ndarray) -> None:
 
 
 def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.ndarray) -> None:
-    """Draw a dot for each successful flight and a cross for each failed flight, if its coordinates are finite."""
+    """Draw a dot for each successful and a cross for each failed flight whose `x` and `y` are finite."""
     is_finite, is_large = np.isfinite(x) & np.isfinite(y), x.size > _VECTOR_FLIGHTS_MAX
     for k, (mask, marker, size) in enumerate(((succeeded, ".", 3.0), (~succeeded, "x", 5.0))):
         selected = mask & is_finite
@@ -150,7 +150,7 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
-    """Draw the % of pairs whose difference, second less first, is at most each value; infinite differences count."""
+    """Draw the distribution function (%) of the pairs' differences, second less first, infinite ones included."""
     is_equal = first_values == second_values
     differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
     _draw_shares_below(axes, differences)

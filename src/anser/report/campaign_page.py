@@ -105,7 +105,7 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the finite quantile nearest to 95 % of the miss and of the arrival spread, if any."""
+    """Return, for the miss and for the arrival spread, the quantile nearest to 95 % that has a value, if any."""
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]

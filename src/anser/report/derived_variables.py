@@ -53,7 +53,7 @@ def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return a table for each aircraft: limits by key of the scenario's table `limits`, and `surfaces_deg`.
+    """Return a table of limits for each aircraft, with the keys of the scenario's table `limits`, and `surfaces_deg`.
 
     `surfaces_deg` has [least, greatest] deflection, deg, by name of the surface. An older dataset has no such tables:
     the library's F-16 then gets the scenario's limits, and any other aircraft an empty table.

@@ -365,10 +365,10 @@ def _draw_margin(
     color_range: tuple[float, float],
     is_short: np.ndarray,
 ) -> None:
-    """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels; crosses mark True in `is_short`.
+    """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels.
 
-    Cells are grey if a limit of the autopilot opens the loop, and black if the loop is unstable. Values above
-    `color_range` get the upper colour.
+    Crosses mark points with too small margins (`is_short`). Cells are grey if a limit of the autopilot opens the loop,
+    and black if the loop is unstable. Values above `color_range` get the upper colour.
     """
     from matplotlib.colors import ListedColormap
 

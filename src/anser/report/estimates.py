@@ -40,7 +40,7 @@ def has_estimates(dataset: xr.Dataset) -> bool:
 def recorded_estimates(dataset: xr.Dataset) -> list[str]:
     """Return the names of `ESTIMATES` that have a finite estimate in the flight.
 
-    Control effectiveness is relative to the model's effectiveness; NaN about an axis without control in the model.
+    Control effectiveness is the ratio to the model's value; an axis that the model cannot control has no estimate.
     """
     if not has_estimates(dataset):
         return []
@@ -54,7 +54,7 @@ def recorded_changes(dataset: xr.Dataset) -> Deviations:
 
 
 def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | None:
-    """Return the deviations of the aircraft `name`: at the start (time 0), then by events; None for an unknown name."""
+    """Return the deviations of the aircraft `name` at time 0 and at events; None for an unknown name."""
     tables = [table for table in scenario.get("aircraft", []) if table.get("name") == name]
     if not tables:
         return None
@@ -65,9 +65,8 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
     """Return the ratio of true to modelled control effectiveness at each time, for a `name` of `EFFECTIVENESS`.
 
-    Effectiveness is the surface's moment, which the estimator infers with the model's moments of inertia. The ratio is
-    NaN after a change of the axis' moment of inertia and, in pitch and yaw, after a shift of the centre of gravity: the
-    record lacks the aircraft data for these effects.
+    The ratio is NaN after a change of the axis' moment of inertia and, in pitch and yaw, after a shift of the centre of
+    gravity, because the record lacks the aircraft data for these effects.
     """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)

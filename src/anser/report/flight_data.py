@@ -167,7 +167,7 @@ SURFACE_PLACEHOLDER = _surface_panel("*")
 class Section:
     """A group of panels with a common heading, left out if the dataset lacks the variable of its first panel."""
 
-    key: str
+    key: str  # identifier in the page
     title: str
     caption: str
     panels: tuple[Panel, ...]
@@ -316,7 +316,7 @@ def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the sections of the page as plain data; the limits of a panel are the distinct values of all aircraft."""
+    """Return the sections of the page as plain data; a panel has each different limit of the aircraft once."""
     limits = aircraft_limits(dataset)
     sections = []
     for section in SECTIONS:

@@ -41,7 +41,7 @@ class Curve:
     reference: str | None = None  # variable of the planned or commanded value
     low: str | None = None  # lower limit: key of the tables of `aircraft_limits`; "-" before the key negates the value
     high: str | None = None  # upper limit, like `low`
-    stop_surface: str | None = None  # control surface with stops that are the limits, instead of `low` and `high`
+    stop_surface: str | None = None  # control surface whose stops are the limits, instead of `low` and `high`
     label: str | None = None  # instead of the variable's long name
 
 
@@ -116,7 +116,7 @@ def _visible_range(
 def _limits(
     sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle], factor: float, unit: str
 ) -> list[Limit]:
-    """Return the distinct limits of a curve, times `factor`, labelled with the value in `unit` and aircraft names."""
+    """Return each different limit of a curve, multiplied by `factor`; labels have value, `unit` and aircraft names."""
     owners: dict[tuple[float, bool], list[str]] = {}
     limits = aircraft_limits(sheet.dataset)
     for line_style in line_styles:
@@ -237,7 +237,7 @@ def draw_ranges(sheet: FlightSheet) -> "Figure":
 
 
 def draw_separation(sheet: FlightSheet) -> "Figure":
-    """Return a figure of each aircraft's distance to the nearest aircraft, and its ratio to the required separation."""
+    """Return a figure of each aircraft's distance to the nearest aircraft, and ratio of distance to separation."""
     required = required_separation(sheet.scenario)
     positions = np.stack([sheet.dataset[name].values for name in _POSITION], axis=-1)
     end_index = np.full(sheet.count, len(sheet.time) - 1)

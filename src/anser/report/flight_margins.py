@@ -80,9 +80,9 @@ _LIMITS = (
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
     """Return the margins of a flight to its requirements and to the limits of the aircraft.
 
-    Margins that are not met up to the arrival come first, and utilization decreases in both groups. Limits are
-    evaluated over the whole record; if aircraft have different limits, only the tightest margin is listed. `dataset`
-    must contain the variables of `add_derived_variables`.
+    Margins that are not met up to the arrival come first, then all others; in each group, the utilization decreases.
+    Limits are evaluated over the whole record; if aircraft have different limits, only the tightest margin is listed.
+    `dataset` must contain the variables of `add_derived_variables`.
     """
     is_single = len(summary["aircraft"]) == 1
     flight_margins = [
@@ -110,7 +110,7 @@ def _sort_key(margin: Margin) -> tuple[bool, float]:
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Return the least recorded distance between two aircraft, m, the time, s, and the two names.
+    """Return the least recorded distance between two aircraft (m), its time (s), and the names of the two aircraft.
 
     None for a single aircraft, or if no distance is finite. `dataset` must contain the derived variables.
     """

@@ -110,7 +110,7 @@ class FlightSheet:
 
     @functools.cached_property
     def arrival_index(self) -> np.ndarray:
-        """Index of the last sample before the hold, shape (aircraft,); the last sample if an aircraft never holds."""
+        """Index of the last sample before the holding pattern, shape (aircraft,); the last sample if there is none."""
         is_holding = self.dataset["phase"].values >= HOLD
         return np.where(is_holding.any(axis=0), np.maximum(is_holding.argmax(axis=0), 1), is_holding.shape[0]) - 1
 
@@ -120,7 +120,7 @@ class FlightSheet:
         return self.dataset[name].values[:end, line_style.index].astype(np.float64)
 
     def goal_name(self, line_style: LineStyle) -> str:
-        """Return the name of an aircraft's first goal, or "the goal of" the aircraft if the scenario is unknown."""
+        """Return the name of an aircraft's first goal, or the text "the goal of ..." if the scenario is unknown."""
         aircraft_tables = self.scenario.get("aircraft", [])
         return (
             str(aircraft_tables[line_style.index]["goal"])
@@ -129,7 +129,7 @@ class FlightSheet:
         )
 
     def name(self, index: int) -> str:
-        """Return the name of the aircraft with an index, escaped for matplotlib."""
+        """Return the name of aircraft number `index`, escaped for matplotlib."""
         return escape_mathtext(self.dataset["aircraft"].values[index])
 
     def label(self, line_style: LineStyle) -> str:
@@ -178,11 +178,11 @@ class FlightSheet:
         return figure, panels
 
     def label_capacity(self, height: float) -> int:
-        """Return the number of letters of a vertical axis label that fit a panel of a height in inches."""
+        """Return how many letters a line of a vertical axis label can have in a panel of `height` inches."""
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":
-        """Add legend, title (flight and `heading`) and a note above the first panel; return the enlarged figure."""
+        """Add legend, title (flight, `heading`), and `note` above the first panel; enlarge and return the figure."""
         extra_height = 0.0
         if self.count > 1 and self.has_few_aircraft:
             handles = {text: line for axes in panels for line, text in zip(*_entries(axes), strict=True)}

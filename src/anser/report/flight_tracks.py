@@ -105,9 +105,9 @@ def _has_wind_field(sheet: FlightSheet) -> bool:
 
 
 def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -> float:
-    """Draw arrows of the horizontal wind along the tracks, every `period` s; return the greatest wind speed, m/s.
+    """Draw arrows of the horizontal wind, without gusts, along the tracks; return the greatest wind speed, m/s.
 
-    The wind has no gusts. `factor` converts m to the unit of the map.
+    `period` is the time between two arrows, s; `factor` converts m to the unit of the map.
     """
     through_air = "airspeed_mean_wind_m_s" if "airspeed_mean_wind_m_s" in sheet.dataset else "airspeed_m_s"
     arrows = []

@@ -89,8 +89,8 @@ def _draw_correlation(dataset: xr.Dataset) -> "Figure":
 def write_identification_report(dataset: xr.Dataset, fits: Sequence[Mapping[str, Any]], folder: Path) -> None:
     """Write the figures (SVG, PNG) and the page `report.html` of an identification into an existing folder.
 
-    `fits` has a table for each response: name, R^2 and Theil's inequality coefficient, and both coefficients of the
-    validation, if any. Raises FileExistsError if one of the files exists.
+    `fits` has a table for each response: name, R^2 and Theil's inequality coefficient; if there is a validation flight,
+    also R^2 and Theil's coefficient of the validation. Raises FileExistsError if one of the files exists.
     """
     figures = {"responses": response_figure(dataset)}
     if "validation_measured" in dataset:

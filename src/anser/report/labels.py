@@ -47,7 +47,7 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 def axis_label(
     values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Return an axis label of lines of `length` characters: `name` (None: long name), symbol, unit in brackets."""
+    """Return an axis label: `name` (None: long name) in lines of at most `length` characters, symbol, and unit."""
     lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
     printed = display_unit(values) if unit is None else unit
     symbol = math_symbol(values) + (f" ({printed})" if printed else "")
@@ -141,7 +141,8 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
     """Draw limits, nearest first, and extend the axis to each limit; return the limits that are not drawn.
 
-    A limit is not drawn if `data_range` (least, greatest value) would keep less than `_DATA_HEIGHT_MIN` of the axis.
+    `data_range` is the least and greatest value of the data. A limit is not drawn if the data would then take less than
+    the fraction `_DATA_HEIGHT_MIN` of the axis.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
@@ -208,9 +209,9 @@ def clear_direction(
 ) -> tuple[float, float]:
     """Return the direction, a unit vector (right, up), from a position on a map to its label.
 
-    Of eight directions in steps of 45 degrees, the direction is the nearest to `towards` in which the label overlaps no
-    area; `towards` if all directions overlap. `extent` is the greatest extent of the map. `occupied` has areas as
-    (centre, size relative to a label); the area of the new label is added.
+    Eight directions are tried: `towards`, and directions at multiples of 45 deg from it. The result is the one nearest
+    to `towards` in which the label overlaps no area in `occupied`; `towards` if there is none. `extent` is the greatest
+    extent of the map. `occupied` lists areas as (centre, size relative to a label); the label's own area is appended.
     """
     azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
@@ -297,9 +298,9 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Return positions from 0 to 1, at least `gap` apart, nearest to increasing target positions (least squares).
+    """Return the positions, 0..1 and at least `gap` apart, that are nearest to the targets (least squares).
 
-    If the positions need more room, they exceed 0 and 1 by equal amounts.
+    Targets must increase. If the range is too small, the positions exceed 0 and 1 by equal amounts.
     """
     # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []

@@ -82,7 +82,7 @@ def render_page(
     """Return the HTML of a page from a template that extends `page.html`, with `values` inserted.
 
     `body_class` is a CSS class; `styles` and `scripts` are names of assets, in order (see `read_asset`); `data` is
-    (identifier, plain data) of the script element with data; `package` has the template.
+    (identifier, plain data) of a script element with data; `package` contains the template.
     """
     from markupsafe import Markup
 

@@ -52,7 +52,7 @@ _TIME_LENGTH = 9
 
 
 def marker_period(dataset: xr.Dataset) -> float:
-    """Return the shortest round period, s, between dots on a path that gives at most 8 intervals in the plan."""
+    """Return the time, s, between dots on a path: the shortest round number with at most 8 intervals in the plan."""
     times = dataset["time"].values
     return next((step for step in _STEPS_S if (times[-1] - times[0]) / step <= _MARKERS_PER_PATH_MAX), _STEPS_S[-1])
 
@@ -60,8 +60,8 @@ def marker_period(dataset: xr.Dataset) -> float:
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
     """Return the names of the two aircraft that come closest in the plan; None for a single aircraft.
 
-    `measure` is "distance" (in space) or "separation" (vertical distances multiplied by the ratio of horizontal to
-    vertical separation), which the dataset has only if a separation is required.
+    `measure` is "distance" (in space) or, if a separation is required, "separation". In a separation, vertical
+    distances are multiplied by the ratio of required horizontal to vertical separation.
     """
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
@@ -248,7 +248,7 @@ _CEILING_DISTANCE_MAX = 2.0  # in ranges of the altitudes; a higher ceiling is o
 def draw_plan_variable(
     axes: "Axes", dataset: xr.Dataset, styles: list[LineStyle], name: str, limits: tuple[str, ...], both_signs: bool
 ) -> None:
-    """Draw the variable `name` of all aircraft over time, with the limits `limit_...` named in `limits`.
+    """Draw the variable `name` of all aircraft over time, and the limits in the variables "limit_" + entry of `limits`.
 
     If `both_signs` is True, the negated limits are drawn as well.
     """
@@ -263,7 +263,7 @@ def draw_plan_variable(
 
 
 def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the altitudes over time, with the least and greatest allowed altitude; a very high limit is only text."""
+    """Draw the altitudes over time, with the allowed least and greatest altitude; a limit far above is only named."""
     _draw_lines(axes, dataset, line_styles, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
     altitudes = dataset["altitude_m"].values
@@ -281,7 +281,7 @@ def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[Line
 
 
 def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the least separation over time, or the least distance if none is required, and name the closest pair."""
+    """Draw the least separation over time (the least distance if none is required), and name the closest pair."""
     attributes = dataset.attrs
     has_separation = "separation_m" in dataset
     measure, name = ("separation", "separation_m") if has_separation else ("distance", "distance_min_m")

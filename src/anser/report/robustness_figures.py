@@ -179,7 +179,7 @@ def _draw_bar(axes: "Axes", first_break: FirstBreak, middle: float, height: floa
 
 
 def _factor_label(dataset: xr.Dataset, factor: str) -> str:
-    """Return the name of a factor and, if the nominal value is 0, the value that is a change of 100 %."""
+    """Return the name of a factor; if the nominal value is 0, add the value that counts as a change of 100 %."""
     factor_data = dataset.sel(factor=factor)
     scale, unit = float(factor_data["factor_scale"]), str(factor_data["factor_unit"].item())
     name = factor.replace("_", " ")

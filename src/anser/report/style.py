@@ -25,12 +25,12 @@ DARK_COLORS = ("#3D97E0", "#F0772B", "#1FBF90", "#DE93BC", "#EFB530", "#9AD6F7",
 
 
 def color_of(index: int) -> str:
-    """Return the colour "#rrggbb" of the aircraft or line with an index; 7 colours repeat."""
+    """Return the colour "#rrggbb" of aircraft or line number `index`; the colours repeat after 7."""
     return COLORS[index % len(COLORS)]
 
 
 def page_color_of(index: int) -> str:
-    """Return the colour of the aircraft with an index on a page, as a CSS variable for light and dark backgrounds."""
+    """Return the colour of aircraft number `index` on a page, as a CSS variable for light and dark backgrounds."""
     return f"var(--c{index % len(COLORS)})"
 
 
@@ -123,12 +123,12 @@ def draw_for_print(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) 
 
 
 def series_style(index: int) -> dict[str, Any]:
-    """Return colour and dashes, for matplotlib, of the line with an index in a panel; 5 lines differ in dashes."""
+    """Return colour and dashes, for matplotlib, of line number `index` in a panel; the dashes repeat after 5."""
     return {"color": color_of(index), "linestyle": _LINE_DASHES[index % len(_LINE_DASHES)]}
 
 
 def marker_style(index: int) -> dict[str, Any]:
-    """Return colour and marker, for matplotlib, of the aircraft with an index; 21 aircraft differ in markers."""
+    """Return colour and marker, for matplotlib, of aircraft number `index`; the markers repeat after 21."""
     return {
         "color": color_of(index),
         "marker": _MARKERS[index % len(_MARKERS)],

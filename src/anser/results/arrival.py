@@ -27,8 +27,9 @@ class Arrival:
 
     time_s: float  # time of the arrival, s; NaN if the aircraft did not arrive
     miss_m: float  # distance from the rendezvous at the arrival, m; NaN if the aircraft did not arrive
-    approach_end_s: float  # time of the arrival; if missing, of the departure from the plan or end of the record, s
-    # "arrived" (also if the aircraft left the fleet later), first and last failure, or reason for the missing arrival
+    # time of the arrival, s; if there is no arrival, time at which the aircraft left its plan or the record ended, s
+    approach_end_s: float
+    # "arrived" (also if the aircraft left the fleet later), or the first and last failure, or why there is no arrival
     status: str
 
     @property
@@ -38,12 +39,12 @@ class Arrival:
 
 
 def arrival_outcome(
-    # time of the closest pass up to the end of the search, s, and distance, m; NaN without a record
+    # time, s, and distance, m, of the closest pass, see `closest_approach`; NaN without a record
     closest_pass: tuple[float, float],
     planned_s: float,  # planned arrival time of the last plan, s
     off_plan_s: float,  # time of the first sample with an off-plan status, s; infinite if always on the plan
     end_s: float,  # end of the record, s
-    codes: Sequence[int],  # status over time, or the first and last non-zero status: indices into `STATUS_MESSAGES`
+    codes: Sequence[int],  # status codes (indices into `STATUS_MESSAGES`) over time, or the first and last non-zero one
 ) -> Arrival:
     """Decide whether the closest pass of the rendezvous is an arrival, and return the outcome of the approach.
 
@@ -196,7 +197,7 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
 
 
 def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
-    """Return the absolute deviation, s, of an interval between arrivals from the planned multiple of the spacing."""
+    """Return the absolute deviation, s, of the interval between two arrivals from the planned multiple of a spacing."""
     gap_s, planned_s = (later[key] - earlier[key] for key in ("arrival_s", "planned_arrival_s"))
     places = max(1, round(planned_s / spacing_s)) if spacing_s > 0.0 else 1
     return abs(gap_s - places * spacing_s)

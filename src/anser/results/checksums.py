@@ -25,7 +25,7 @@ class DamagedFileError(ValueError):
 
 
 def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
-    """Return the error for the damaged file at `path`, with a message of what `arrived` and what is `expected`."""
+    """Return the error for a damaged file; `arrived` says what the file contains, `expected` what is required."""
     return DamagedFileError(f"{path}: arrived {arrived}; expected {expected}")
 
 
@@ -71,7 +71,7 @@ def file_digest(path: Path, size: int | None = None) -> str:
 
 
 def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a JSON document with the checksum of its values under a last key, `sha256`."""
+    """Return a copy of a JSON document with an additional last key `sha256`, the checksum of the other values."""
     content = {key: value for key, value in document.items() if key != CHECKSUM_KEY}
     return {**content, CHECKSUM_KEY: _content_digest(content)}
 

@@ -46,13 +46,13 @@ CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAN
 
 
 def build_flight_row(
-    summary: FleetSummary,  # summary of one flight, running or from its record, with concrete arrays
+    summary: FleetSummary,  # summary of one flight; its arrays must not be traced by JAX
     planned_s: Sequence[float] | np.ndarray,  # arrival times of the last plan, s; shape (aircraft,)
     scenario: Scenario,
     end_s: float | None = None,  # end of the record, s; None: the scenario's duration
     goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
 ) -> FlightRow:
-    """Compute the results of one flight from its summary; time series and outputs of a study are empty."""
+    """Compute the results of one flight from its summary; `series` and `outputs` of the result stay empty."""
     end_s = scenario.timing.duration_s if end_s is None else end_s
     aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
     for entry, goal in zip(aircraft, goals, strict=bool(goals)):
@@ -109,7 +109,7 @@ def _aircraft_entry(
 def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the kind of each aircraft's goal, a key of `CLEARANCE_MIN_M`, which sets the required distance.
 
-    If the goal was reassigned, the kind is that of the first or last goal with the greater required distance.
+    After a reassignment, the first and the last goal are compared; the kind with the greater distance is returned.
     """
     kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
@@ -145,7 +145,7 @@ The dimensions are those of one flight's value (none, or `aircraft`); the values
 def tabulate_flights(
     flights: Sequence[FlightRow],  # results of flights with the same fleet
     aircraft: int,  # number of aircraft
-    outputs: Mapping[str, tuple[str, str]] = MappingProxyType({}),  # unit and description of further outputs by name
+    outputs: Mapping[str, tuple[str, str]] = MappingProxyType({}),  # (unit, description) of a study's outputs by name
 ) -> dict[str, FlightColumn]:
     """Arrange the results of many flights as one column per quantity, by name.
 

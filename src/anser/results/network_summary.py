@@ -1,6 +1,6 @@
 """Summary of a decentralised fleet's network: links, clock differences, and their guaranteed rate of convergence.
 
-Each aircraft flies its path by its own clock. The clock is adjusted to the clocks of the aircraft that are heard. The
+Each aircraft flies its path by its own clock, and adjusts this clock to the clocks in the messages that arrive. The
 clocks converge at a guaranteed rate if the fleet is connected within every time window.
 """
 
@@ -30,15 +30,15 @@ def summarize_network(
 ) -> dict[str, Any]:
     """Return the entry `network` of a flight's summary, as plain data: links, clocks, guaranteed convergence, paths.
 
-    Links and clocks count until the first path is frozen shortly before its arrival. An aircraft that leaves its plan
-    or crashes does not count any more. Entries that their names do not explain:
+    Links and clocks are evaluated until `scenario.timing.freeze_s` before the first planned arrival. An aircraft that
+    leaves its plan or crashes is excluded from then on. Some of the entries:
 
-    - `links_up`: mean fraction of the pairs of aircraft with a link
-    - `quality_of_service_min`, `quality_of_service_mean`: over time windows of `window_s`
+    - `links_up`: mean fraction of the pairs of aircraft that have a link
+    - `quality_of_service_min`, `quality_of_service_mean`: least and mean value of the time windows of length `window_s`
     - `promised_rate_per_s`: guaranteed rate of decay of clock differences, at the least quality of service
     - `offers`: number of new paths that aircraft offered to the fleet
     - `condition_met`: whether the quality of service was positive in every window
-    - `outdated_paths`: aircraft with last paths that end too far from the rendezvous, see `_outdated_paths`
+    - `outdated_paths`: aircraft whose last path ends too far from the rendezvous, see `_outdated_paths`
     - `message`: the results as text
     - `series`: samples at intervals of about 1 s
     """
@@ -96,8 +96,8 @@ def _coordination_of_participants(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the quality of service in each complete window, and the coordination error (s) at each time.
 
-    The coordination error is the norm of the clocks' deviations from their mean. Only aircraft that take part count
-    (for a window, at its last sample); if fewer than two take part, the quality is 1 and the error 0.
+    The coordination error is the norm of the clocks' deviations from their mean. Only aircraft that take part are
+    included; for a window, its last sample decides. If fewer than two take part, the quality is 1 and the error 0.
     """
     count = quality_of_service(links, network.period_s, network.window_s).size
     quality, clock_error = np.ones(count), np.zeros(len(clocks))

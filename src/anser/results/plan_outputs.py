@@ -52,8 +52,8 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Compute the margin of each aircraft's path to each limit, in the limit's unit: shape (aircraft,), by limit name.
 
-    The margin is negative if the limit is exceeded, and infinite or NaN if the aircraft has no limit. The path's
-    extreme is the proven bound, if the dataset has the bound, or the sampled extreme.
+    The margin is negative if the limit is exceeded, and infinite or NaN if the aircraft has no limit. The margin refers
+    to the path's proven extreme, if the dataset has a proven extreme, or to the extreme of the samples.
     """
     margins = {}
     for limit in LIMITS:

@@ -19,13 +19,15 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 class ClosestApproach:
     """Closest pair of aircraft in a plan, at each sample time and over the whole plan."""
 
-    distance_m: np.ndarray  # least distance at each time, shape (time,); NaN if fewer than two aircraft are under way
+    # least distance at each time, shape (time,); NaN if fewer than two aircraft are under way. For the approach by
+    # separation, vertical distances are multiplied by the ratio of required horizontal to vertical separation
+    distance_m: np.ndarray
     pair: np.ndarray  # indices of the two aircraft, shape (time, 2); -1 if there is no pair
     minimum_m: float  # least distance over the plan, m; NaN for a single aircraft
     minimum_pair: tuple[int, int]  # pair with the least distance; -1 for a single aircraft
-    minimum_time_s: float
-    horizontal_m: float  # horizontal distance of this pair at this time
-    vertical_m: float
+    minimum_time_s: float  # time of the least distance
+    horizontal_m: float  # horizontal distance of `minimum_pair` at `minimum_time_s`
+    vertical_m: float  # vertical distance of `minimum_pair` at `minimum_time_s`
 
 
 @dataclass(frozen=True)
@@ -73,15 +75,15 @@ class PlanDetails:
     limits: Mapping[str, float | np.ndarray]
     # proven bounds of the paths, by the keys of `limits`; None without a proof
     bounds: Mapping[str, np.ndarray] | None = None
-    # proven least ratio of distance to the planned separation with reserve; None without a proof
+    # proven least ratio of distance to the planned separation (required separation plus reserve); None without a proof
     separation_bound: float | None = None
     # proven least distance outside each keep-out (aircraft, keep-out), m; None without a proof
     keep_out_bounds_m: np.ndarray | None = None
     lengths_m: np.ndarray | None = None  # lengths of the paths through the air, m; None if not reported
     nominal_lengths_m: np.ndarray | None = None  # lengths of the paths without bends, m; None if not reported
-    # greatest turn rate relative to that of the greatest bank angle; None if not reported
+    # greatest ratio of the turn rate to the turn rate at the bank limit; None if not reported
     turn_utilization: np.ndarray | None = None
-    # altitude at which the hold ends the descent of the arrival, m; None if not reported
+    # least altitude when the aircraft levels off after the arrival, m; None if not reported
     level_off_m: np.ndarray | None = None
     hold_radii_m: np.ndarray | None = None  # radii of the holds, m; None if not planned
     hold_turns: np.ndarray | None = None  # turn directions of the holds, positive to the right; None if not planned
@@ -106,8 +108,8 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
 
         - (time, aircraft): history under the names of `anser.variables`, goal positions
         - (time,): least distance between two aircraft and, if required, least separation, with the closest pair
-        - (aircraft,): arrival, length, mean airspeed, hold; planned extreme, value and proven bound of each limit
-        - (keep_out,): cylinders
+        - (aircraft,): arrival, length, mean airspeed, hold; for each limit its value and the path's extreme and bound
+        - (keep_out,): position, velocity, radius and altitudes of the cylinders
         - (aircraft, keep_out): least distance outside
 
     Raises
@@ -205,8 +207,8 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
 def limit_columns(samples: PlanSamples, details: PlanDetails) -> Iterator[tuple[Limit, dict[str, np.ndarray]]]:
     """Yield each limit of `LIMITS` with a table of arrays (aircraft,) in dataset units.
 
-    The table has "" for the planned extreme, "limit_" for the limit (NaN: no limit) and, if the planner proves the
-    limit, "bound_" for the proven extreme. The keys are prefixes of variable names.
+    The keys of the table are prefixes of variable names: "" for the planned extreme, "limit_" for the limit (NaN: no
+    limit) and, if the planner proves the limit, "bound_" for the proven extreme.
     """
     planned = {
         **samples.extremes.values,

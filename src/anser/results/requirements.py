@@ -64,7 +64,7 @@ class Requirement:
 
 
 def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
-    """Return the requirements of a scenario; the least distances from the goals are in `CLEARANCE_MIN_M`."""
+    """Return the requirements of a scenario, except the least distances from the goals (`CLEARANCE_MIN_M`)."""
     config, limits = scenario.requirements, [scenario.limits_for(item) for item in scenario.aircraft]
     slowest, fastest = tuple(item.speed_min_m_s for item in limits), tuple(item.speed_max_m_s for item in limits)
     limits_by_name = {

@@ -96,10 +96,10 @@ def quantile(values: np.ndarray, share: float) -> float:
 
 
 def mcnemar_exact(first_only: int, second_only: int) -> float:
-    """Return the two-sided p-value of McNemar's exact test, over pairs of flights of two variants.
+    """Return the two-sided p-value of McNemar's exact test, which compares the success of two variants of a flight.
 
-    `first_only` and `second_only` are the numbers of pairs in which only the first or only the second variant
-    succeeded. The hypothesis is that both cases are equally likely; p is 1 if both numbers are 0.
+    A pair is a flight of each variant. `first_only` and `second_only` are the numbers of pairs in which only the first
+    or only the second variant succeeded. Null hypothesis: equal probabilities. If both numbers are 0, p is 1.
 
     Source: Q. McNemar, *Note on the sampling error of the difference between correlated proportions or percentages*,
     Psychometrika 12(2), 1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
@@ -152,8 +152,8 @@ class SobolIndices(NamedTuple):
 def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
     """Return the input samples for the estimation of Sobol indices, shape (count * (inputs + 2), inputs), 0..1.
 
-    The points form `count` blocks; `count` must be a power of 2. A block has a point A, for each input the point A with
-    the input's value taken from a point B, and B; (A, B) is a point of a scrambled Sobol sequence. Computed by SALib.
+    The points form `count` blocks; `count` must be a power of 2. A block has a point A, then for each input a copy of A
+    with this input's value from a point B, then B. (A, B) is a point of a scrambled Sobol sequence. Computed by SALib.
     Source: A. Saltelli et al., *Variance based sensitivity analysis of model output*, Computer Physics Communications
     181(2), 2010, table 2.
     """
@@ -164,7 +164,7 @@ def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
 
 
 def sobol_indices(
-    outputs: np.ndarray,  # outputs in the order of the points
+    outputs: np.ndarray,  # outputs at the points of `saltelli_points`, in the order of the points
     inputs: int,
     confidence: float = 0.95,  # coverage of the intervals, 0..1
 ) -> SobolIndices:

@@ -86,12 +86,12 @@ def summarize(
     """Compute the summary of a flight from its complete history.
 
     - `arrival_outcome` decides on arrivals.
-    - Speeds (without gusts) and position error count up to the arrival; if the aircraft does not arrive, while the plan
-      is flown. The position error does not count in the hold.
-    - Clearance, separation, keep-outs and the time outside the aerodynamic tables count over the whole record; the
-      keep-out of an event counts after the event.
-    - `path`, `lateral_bend_m` and `nominal` (path without a bend) describe the first plan. `lateral_bend_m` and
-      `nominal` are None unless the planner is the published planner.
+    - Speeds (without gusts) and position error are taken up to the arrival or, if the aircraft does not arrive, as long
+      as the plan is flown. The position error is not taken in the hold.
+    - Clearance, separation, keep-outs and the time outside the aerodynamic tables are taken over the whole record; the
+      keep-out of an event is taken after the event.
+    - `path`, `lateral_bend_m` (sideways offset that lengthens the path) and `nominal` (True: no such offset) describe
+      the first plan. `lateral_bend_m` and `nominal` are None unless the planner is the published planner.
     - `fault`, in a flight with an adaptive autopilot, is the detected fault of an aircraft.
 
     Missing values are None, never NaN.
@@ -182,8 +182,8 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
 def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:
     """Return the planned arrival time, s, of one aircraft's last plan, from status and planned arrival over time.
 
-    An aircraft that left the fleet after its arrival has the planned arrival at the goal. An aircraft that left before
-    has the end of the exit path, on which the aircraft leaves.
+    If the aircraft left the fleet after its arrival, the result is the planned arrival at the goal. If the aircraft
+    left earlier, the result is the planned time at the end of the path on which the aircraft leaves.
     """
     is_in_hold = (arrival_s <= time) & (np.cumsum(status == LEFT_FLEET) == 0)
     has_left = (status == LEFT_FLEET).any() and is_in_hold.any()

@@ -7,7 +7,7 @@
 ``schema_airspace``         tables for arrival, separation, keep-outs, events
 ``schema_environment``      tables for Earth, atmosphere, wind, turbulence, gusts
 ``schema_sensing``          tables for sensors and estimators; ``schema_excitation``: test inputs
-``schema_checks``           checks between tables; ``schema_airspace_checks``, ``schema_reach``, ``schema_chart``: more
+``schema_checks``           checks between tables; also: ``schema_airspace_checks``, ``schema_reach``, ``schema_chart``
 ``files``                   loading, format conversion, starter file
 ``sounding_file``           reading of soundings; ``wind_field_file``: reading of wind fields
 ``unused_keys``             keys without effect; ``cautions``: settings that probably do not work as intended

@@ -105,8 +105,8 @@ def build_flight(
 ) -> Flight:
     """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes, ready to be trimmed and flown.
 
-    If only numbers of the scenario change, nothing is compiled again. Compiled programs depend on the Earth model, and
-    on the numbers of aircraft, waypoints, wind layers and keep-outs; the last three are rounded up to a few sizes.
+    If only numerical values change, nothing is compiled again. Compiled programs depend on the Earth model, and on how
+    many aircraft, waypoints, wind layers and keep-outs there are; the last three counts are rounded up to a few sizes.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def build_flight(
     flight
         Number of the flight; together with the scenario's seed it determines all random numbers.
     mission_is_flown
-        Whether starts, rendezvous points and duration must lie within a wind field from a file.
+        True: missions are flown; starts, rendezvous points and duration must lie within a wind field from a file.
 
     Raises
     ------
@@ -143,7 +143,7 @@ _kept_flights: "deque[tuple[list[Any], Flight]]" = deque(maxlen=2)
 
 
 def _build_for_goals(scenario: Scenario, number: int) -> Flight:
-    """Return the padded flight of a scenario, possibly from a cache and then with the goals of another scenario."""
+    """Return the padded flight number `number` of a scenario; a flight from the cache may have other goals."""
     # limits and gains that the file omits follow from the aircraft
     written = scenario.model_dump_json(exclude={"goal"}, exclude_unset=True)
     tables = [number, written, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
@@ -156,7 +156,7 @@ def _build_for_goals(scenario: Scenario, number: int) -> Flight:
 
 
 def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
-    """Return a flight of `_build_for_goals` in which the goals of `scenario` replace the goals of each mission."""
+    """Return a flight of `_build_for_goals` in which the goals of `scenario` replace the goals in the missions."""
     members = [scenario.aircraft[min(k, len(scenario.aircraft) - 1)] for k in range(flight.count)]
     tables = [scenario.goal_of(aircraft) for aircraft in members]
     goals = _goals(tables, scenario.event)

@@ -2,7 +2,7 @@
 
 Limits and gains that the scenario omits are derived from the nominal airframe before the flight, at the start altitude
 (rounded to 500 m) and the preferred airspeed. Limits follow from a trim map; gains follow from actuators, engine and
-control authority in the trim. The library's F-16 has published gains and the scenario's default limits.
+control authority in the trim. Exception: the library's F-16 has published gains and the scenario's default limits.
 """
 
 import dataclasses
@@ -88,7 +88,7 @@ def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
 
 @dataclass(frozen=True)
 class _ScenarioObject:
-    """A scenario as a cache key, compared by the identity of the object: to compare all values takes too long."""
+    """A scenario as a cache key, compared by the object's identity, because comparing all values takes too long."""
 
     identity: int
     scenario: Scenario = field(compare=False)
@@ -123,7 +123,7 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 
 @dataclass(frozen=True)
 class _FlightCase:
-    """Arguments of `compute_defaults` as a cache key; airframe and environment are compared by content and air."""
+    """Arguments of `compute_defaults` as a cache key; `aircraft_content` and `air` replace airframe and environment."""
 
     aircraft_content: tuple[str, str, float | None, str]  # type, variant, x_cg_over_c, hash of the aircraft file
     airframe: AbstractAirframe = field(compare=False)
@@ -193,7 +193,7 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Return the derived gains; loops with a table in the scenario, and the sensor filter, keep their gains."""
+    """Return derived gains; loops with a table in the scenario, and the sensor filter, keep their `scenario_gains`."""
     gains = defaults.gains
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:
@@ -288,7 +288,7 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
 
 
 def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSeparation, ...]:
-    """Return the nested loops of aircraft number `index` with the bandwidths that are flown."""
+    """Return the pairs of nested loops of aircraft number `index`, with the bandwidths used in the flight."""
     enable_compilation_cache()
     gains = resolve_fleet(scenario)[index].gains
     rates, attitude, velocity = (

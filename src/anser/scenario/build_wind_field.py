@@ -78,7 +78,7 @@ def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
 
 
 def field_of(wind: Wind, earth: Earth | None) -> WindField:
-    """Return the wind field of a table [wind]; a global field has its seam opposite the Earth's origin.
+    """Return the wind field of a table [wind]; a field around the globe starts and ends opposite the Earth's origin.
 
     Raises ScenarioError if the file is no wind field, has no ensemble member `wind.member`, or has winds above
     `FIELD_SPEED_MAX_M_S`.
@@ -134,9 +134,9 @@ def _times_s(wind: Wind, field: WindField) -> np.ndarray:
 
 
 def chart_axes(field: WindField, earth: Earth | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the northward and eastward coordinates of the field's nodes: m, or rad from the chart's origin.
+    """Return coordinates of the field's nodes: north and east, m, or latitude and longitude minus the origin's, rad.
 
-    If `earth` is None, the coordinates are as in the file: m or deg.
+    If `earth` is None, latitude and longitude are as in the file, deg.
     """
     if not field.is_geographic or earth is None:
         return field.north, field.east
@@ -146,7 +146,7 @@ def chart_axes(field: WindField, earth: Earth | None) -> tuple[np.ndarray, np.nd
 
 
 def chart_radii(earth: Earth) -> np.ndarray:
-    """Return the radii (2,), m, by which the chart scales latitude and longitude from its origin (theory section 1)."""
+    """Return the radii (2,), m, by which the chart (local map) scales latitude and longitude (theory section 1)."""
     latitude, e2 = earth.latitude_deg * DEG_RAD, WGS84_F * (2.0 - WGS84_F)
     w2 = 1.0 - e2 * math.sin(latitude) ** 2
     across = WGS84_A_M / math.sqrt(w2)
@@ -161,7 +161,7 @@ def _device_columns(path: str, digest: str, longitude_deg: float | None) -> Arra
 
 
 def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
-    """Return the greatest number of intervals between neighbouring levels in which one altitude can lie.
+    """Return the greatest number of intervals between levels in which one altitude lies, at different nodes and times.
 
     `lowest` and `highest` are the bounds of each level's altitude over nodes and times, m.
     """
@@ -172,7 +172,7 @@ def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
 
 
 def check_wind_field(scenario: ScenarioTables) -> None:
-    """Raise ScenarioError if a start or rendezvous point is outside the wind field, or the flight lasts longer.
+    """Raise ScenarioError if starts or rendezvous points are outside the wind field, or the flight outlasts it.
 
     If `wind.outside` is "hold", the file is read, but positions and duration are not checked.
     """

@@ -29,7 +29,7 @@ def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[s
 
 
 def _format_cautions(scenario: Scenario) -> list[str]:
-    """Return a caution for a file of an older format without `fleet.planner`: the default differs between formats."""
+    """Return a caution for a file of an older format without `fleet.planner`, because the formats' defaults differ."""
     if scenario.format == FORMAT or "planner" in scenario.fleet.model_fields_set:
         return []
     format_default, current_default = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
@@ -50,7 +50,7 @@ def _seed_cautions(scenario: Scenario) -> list[str]:
 
 
 def _duration_cautions(scenario: Scenario) -> list[str]:
-    """Return cautions for a duration that suffices only with a descent or a tail wind aloft; none in a wind field."""
+    """Return cautions if the duration suffices only with a descent or another altitude's wind; none in a wind field."""
     if scenario.wind.field is not None:  # the checks do not read the field
         return []
     return [
@@ -102,7 +102,10 @@ def _gain_cautions(scenario: Scenario, with_trim_maps: bool) -> list[str]:
 
 
 def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> tuple[LoopSeparation, ...]:
-    """Return the nested loops of aircraft number `index`; empty if the file gives the gains of no loop."""
+    """Return the nested loops of aircraft number `index`; empty if the file gives the gains of no loop.
+
+    If `with_trim_maps` is False, bandwidths that follow from a trim map are NaN.
+    """
     aircraft = scenario.aircraft[index]
     written = aircraft.gains.model_fields_set.intersection(_LOOPS)
     if not written:

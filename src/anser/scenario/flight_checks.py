@@ -50,10 +50,10 @@ _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Raise ScenarioError if a study varies a key path whose value changes none of the flights `cases`.
+    """Raise ScenarioError if a study varies a key path that has no effect on any of its flights.
 
-    A case is the scenario of a flight, and the flight's values by varied key path. `source` names the study in
-    messages. A key path with equal values in all cases is not checked.
+    `cases` are the flights: pairs of a flight's scenario and the flight's values by varied key path. `source` names the
+    study in messages. A key path with equal values in all cases is not checked.
     """
     case_list = list(cases)
     problems = []
@@ -93,7 +93,7 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """Return the values that planner, closed loop or check of requirements read from the scenario itself."""
+    """Return the values that planner, closed loop or check of requirements read from the scenario, not the flight."""
     aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 

@@ -187,7 +187,7 @@ class Scenario(ScenarioTables):
     def __eq__(self, other: object) -> bool:
         """Whether another scenario has the same values, and omits the same limits and gains.
 
-        Limits and gains that a file omits follow from the aircraft: a file that writes a default value is different.
+        A file that writes a default limit or gain is different, because omitted ones follow from the aircraft.
         """
         if not isinstance(other, Scenario):
             return NotImplemented
@@ -295,8 +295,8 @@ def scenario_hash(scenario: Scenario) -> str:
 
     The hash is the SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. For aircraft
     other than the library's F-16, the hash also depends on which limits and gains the file writes, because omitted ones
-    follow from the aircraft. The hash contains name and version of the distribution of an airframe from an entry point,
-    and the checksum of a wind field's file.
+    follow from the aircraft. For an airframe from an entry point, the hash includes the name and version of the package
+    that offers the airframe; for a wind field, the checksum of the file.
     """
     offered = {
         aircraft.type: entry_point_origin(aircraft.type) for aircraft in scenario.aircraft if aircraft.airframe is None

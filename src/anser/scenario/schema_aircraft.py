@@ -192,7 +192,7 @@ class _LoopGains(Table):
     damping: Gain3 | None = optional_gain("required damping of the pair of poles; left out: no integral")
 
     def consistency_problems(self) -> list[Problem]:
-        """List gains beside a bandwidth, a damping without a bandwidth, and a damping below `DAMPING_MIN`."""
+        """List gains given with a bandwidth, a damping without a bandwidth, and a damping below `DAMPING_MIN`."""
         problems = []
         if self.bandwidth_rad_s is not None:
             conflicting_keys = [key for key in ("proportional", "integral") if key in self.model_fields_set]
@@ -373,7 +373,7 @@ class Aircraft(AirspeedTable):
 
     @property
     def is_library_f16(self) -> bool:
-        """Whether the airframe is the library's F-16: its gains are published and its limits are not derived."""
+        """Whether the airframe is the library's F-16, whose gains are published and whose limits are not derived."""
         return self.airframe is None and self.type == "f16"
 
     @property
@@ -390,7 +390,7 @@ class Aircraft(AirspeedTable):
         return tuple(file.surfaces) if file is not None else PRIMARY_SURFACES if self.type == "f16" else None
 
     def consistency_problems(self) -> list[Problem]:
-        """List an airframe that is unknown or defined twice, keys of other airframes, and a start outside the data."""
+        """List an unknown or twice defined airframe, keys that only the F-16 has, and a start outside the data."""
         if self.type not in AIRFRAMES and self.type not in aircraft_types():
             return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
         problems = self.airspeed_problems(required=False)

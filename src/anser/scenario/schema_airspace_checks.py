@@ -37,7 +37,7 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield index and label of the second aircraft, and texts on the first and the others, of each coinciding group."""
+    """Yield index and label of the second of each group of coinciding aircraft, and texts on the first and the rest."""
     for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
         addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
         yield duplicate, aircraft[duplicate].label, _list_aircraft(aircraft, [reference]), addition

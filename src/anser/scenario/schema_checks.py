@@ -134,7 +134,7 @@ def _speed_bounds(limits: Limits, conjunction: str) -> str:
 
 
 def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
-    """Return an addition to a message on an airspeed: the aircraft that sets the limits, and a remedy."""
+    """Return the end of a message on airspeed limits: whose limits they are, and a remedy; empty if all share them."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
     remedy = "" if aircraft.airspeed_forms else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
@@ -228,7 +228,7 @@ def goal_problems(scenario: ScenarioTables) -> list[Problem]:
 def _altitude_problems(
     index: int, goal: Goal, duration_s: float, bounds_m: tuple[float, float], expected: str
 ) -> list[Problem]:
-    """List the altitudes of goal number `index` beyond `bounds_m`: at its waypoints, or at start and end."""
+    """List problems, with the text `expected`, of goal number `index` whose altitude is ever beyond `bounds_m`."""
     low_m, high_m = bounds_m
     if goal.waypoints is not None:
         altitudes_m = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
@@ -387,9 +387,9 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List test inputs of unknown aircraft, to unknown inputs, after the end of the flight, or too fast for the step.
+    """List test inputs with an unknown aircraft or input, a start after the flight, or a too high frequency.
 
-    If the controller is user-defined, commands between the loops are also problems.
+    If the controller is user-defined, test inputs to commands between the autopilot's loops are also problems.
     """
     timing, problems = scenario.timing, []
     names = [aircraft.name for aircraft in scenario.aircraft]

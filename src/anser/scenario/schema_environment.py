@@ -103,7 +103,7 @@ def _field_from_path(value: Any) -> Any:
 
 
 def _field_key(description: str, expected: str, default: Any, **options: Any) -> Any:
-    """Declare a key of a wind field; a default is left out of a dump, so that hashes stay the same."""
+    """Declare a key of a wind field that a dump leaves out if its value is the default; `options` are for `Field`."""
     exclude_if = lambda value: value == default  # noqa: E731
     return Field(
         default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if, **options
@@ -140,7 +140,7 @@ class Wind(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a wind defined twice, keys of a field without a field, and layers whose altitudes do not rise."""
+        """List a wind defined twice, keys that need a missing wind field, and layers whose altitudes do not rise."""
         alternatives = ("layers", "field")
         used = [key for key in alternatives if getattr(self, key) is not None]
         uniform_keys = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]

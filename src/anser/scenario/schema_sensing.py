@@ -28,7 +28,7 @@ _PERIOD_MAX_S = 600.0
 
 @functools.cache
 def goal_sensor_presets() -> dict[str, Any]:
-    """Return the presets of goal sensors by name: dictionaries of their numbers (keys of `GoalSensor`) and sources."""
+    """Return the presets of goal sensors by name: dictionaries with values for keys of `GoalSensor`, and a source."""
     return json.loads(files("anser.scenario").joinpath("data/goal_sensors.json").read_text(encoding="utf-8"))
 
 
@@ -169,8 +169,8 @@ def goal_sigma_m(
     The value is for one axis of a goal in steady motion; 0 for an exact sensor. The Kalman filter's variance recursion
     starts from the briefed uncertainty, and ends with a prediction over the freeze time. Measurement errors are taken
     at the range in the middle of the freeze time; the freeze time is flown at `speed_m_s` and ends at the range
-    `distance_m`. Errors that no filter removes are added in quadrature: biases of a line of sight, or the slow error of
-    satellite navigation for a goal's own report.
+    `distance_m`. Errors that no filter removes are added in quadrature: biases of range and direction, or, if the goal
+    reports its position, the slow error of the aircraft's satellite navigation.
     """
     if sensor.preset == "exact":
         return 0.0

@@ -48,8 +48,8 @@ class AirspeedTable(Table):
     def airspeed_m_s(self) -> float:
         """True airspeed, m/s.
 
-        Raises ValueError if the table has no airspeed, or if its airspeed has another form and the table is not part of
-        a scenario.
+        Raises ValueError if the table has no airspeed, or if its airspeed is not a true airspeed and the table is not
+        part of a scenario.
         """
         if self._airspeed_m_s is None:
             value = getattr(self, "speed_m_s", None)
@@ -65,7 +65,7 @@ class AirspeedTable(Table):
 
     @property
     def airspeed_text(self) -> str:
-        """Airspeed for messages: the value in the table and, for another form of airspeed, the true airspeed, m/s."""
+        """Airspeed for messages: the value in the table; if it is not a true airspeed, also the true airspeed, m/s."""
         value = format_number(getattr(self, self.airspeed_key))
         return value if self.airspeed_key == "speed_m_s" else f"{value} (true airspeed {self.airspeed_m_s:.1f} m/s)"
 
@@ -75,7 +75,7 @@ class AirspeedTable(Table):
         return name if self.airspeed_key == "speed_m_s" else f"{name} (true airspeed)"
 
     def with_airspeed(self, layers: Layers, altitude_m: float) -> Self:
-        """Return the table with its airspeed converted to true airspeed in the air at a geometric altitude (m).
+        """Return the table with its airspeed as true airspeed in the air `layers` at a geometric altitude (m).
 
         A table without an airspeed, or with a true airspeed, is returned unchanged.
         """
@@ -291,7 +291,7 @@ class Network(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return a problem if the coupling of the clocks is above a quarter of the damping: the clocks oscillate."""
+        """Return a problem if the coupling of the clocks is above a quarter of the damping: they would oscillate."""
         greatest = 0.25 * self.damping_per_s
         if self.coupling_per_s <= greatest:
             return []

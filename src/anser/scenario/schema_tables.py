@@ -81,7 +81,7 @@ class ScenarioTables(Table):
 
     @property
     def planned_events(self) -> tuple[Event, ...]:
-        """Events to which the planner responds: all events except changes of an aircraft, which are unknown to it."""
+        """Events to which the planner responds: all except changes of an aircraft, which the planner does not know."""
         return tuple(event for event in self.event if event.kind != AIRCRAFT_CHANGES)
 
     @property

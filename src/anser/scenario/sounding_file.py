@@ -62,10 +62,10 @@ _WIND_ALTITUDE_MAX_M = 30_000.0
 
 @dataclass(frozen=True)
 class MeasuredAir:
-    """Measured air as values of tables of a scenario."""
+    """Air levels and winds of a sounding, each with the keys of a scenario table."""
 
-    levels: list[dict[str, Any]]  # values of `AirLevel`
-    winds: list[dict[str, Any]]  # values of `WindLayer`; empty if no wind was measured
+    levels: list[dict[str, Any]]  # keys and values of `AirLevel`
+    winds: list[dict[str, Any]]  # keys and values of `WindLayer`; empty if no wind was measured
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class _Row:
 
 
 def read_sounding(path: Path) -> MeasuredAir:
-    """Read a sounding from a CSV file or a radiosonde's listing; the levels rise.
+    """Read a sounding from a CSV file or a radiosonde's listing.
 
     Raises ScenarioError, with the file and the line, if the file cannot be read, a number is missing or invalid, the
     altitudes do not rise, or there are fewer than two levels.
@@ -194,7 +194,7 @@ def _level(row: _Row, source: str) -> dict[str, float]:
 
 
 def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
-    """Return the wind of a level as values of a `WindLayer`; None if it has no wind, or is too high for a layer."""
+    """Return the wind of a level as values of a `WindLayer`; None if not measured, or too high for a `WindLayer`."""
     speed, direction = row.values.get("wind speed"), row.values.get("wind direction")
     if (speed is None) != (direction is None) and speed != 0.0:
         arrived = "a wind without speed" if speed is None else "a wind without direction"

@@ -23,7 +23,7 @@ class UnusedKeys:
     cause: str  # why the keys have no effect; the text follows the value in messages: `with intensity "none"`
     remedy: str  # setting with which the keys have an effect
     is_whole: bool = False  # True: the whole table has no effect, and messages name only the first key
-    # True: a file that sets the keys is invalid. False, if speed or aircraft may be set elsewhere: a caution only.
+    # True: a file that sets the keys is invalid. False: only a caution, as the speed or aircraft may be set elsewhere
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
@@ -41,7 +41,7 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
-    """List problems for the keys without effect that make a file invalid, or (`is_refused` False) for all others."""
+    """List problems of keys without effect that make a file invalid, or (`is_refused` False) only cause a caution."""
     candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
     return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 

@@ -56,7 +56,7 @@ class UserParts:
         return any(part is not None for part in vars(self).values())
 
     def resolved(self, scenario: Scenario) -> "UserParts":
-        """Return the parts as objects: a name is imported, and a class of this name called without arguments.
+        """Return the parts as objects: a name is imported, and an imported class is called without arguments.
 
         Raises ScenarioError if a name cannot be imported, an object does not subclass the interface of its part, an
         aircraft is unknown, or a planner is given for a scenario with events to which planners respond.
@@ -102,7 +102,7 @@ class UserParts:
 
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
-    """Return a scenario with user-defined parts, which replace the file's and are kept by `Scenario.replace`."""
+    """Return a scenario with user-defined parts, which replace the parts in the file; `Scenario.replace` keeps them."""
     return _with_attached(scenario, parts) if parts else scenario
 
 
@@ -120,7 +120,7 @@ def differs_in_values(scenario_a: Scenario, scenario_b: Scenario) -> bool:
 def replaced_parts(planned: Scenario, flown: Scenario) -> list[str]:
     """Return the kinds of user-defined parts of a planned scenario that are replaced or missing in the flown scenario.
 
-    The planner also counts if only the flown scenario has a user-defined planner.
+    "planner" is also returned if only the flown scenario has a user-defined planner.
     """
     before, after = planned._attached_parts or UserParts(), flown._attached_parts or UserParts()
     return [
@@ -187,7 +187,7 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
         return
 
     def trace(kind: str, method: str, *arguments: Any, returns: str = "") -> Any:
-        """Return the shapes of a method's result; `returns` is the required tuple as text, and ends with the state."""
+        """Return the shapes of a method's result; `returns` describes the required tuple, which ends with the state."""
         part, is_own = getattr(vehicle, kind), kind in kinds
         result = trace_method(kind, part, method, *arguments, is_own=is_own)
         if is_own and returns:
@@ -246,7 +246,7 @@ def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: boo
 
 
 def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:
-    """Build the error of a user-defined part, with its kind, class and method as the path of the problem."""
+    """Build the error of a part's method; the texts say what the method gave (`arrived`) and what was `expected`."""
     return problem_error(_SOURCE, arrived, expected, f"{kind} {type(part).__qualname__}.{method}")
 
 

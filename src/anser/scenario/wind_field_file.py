@@ -130,7 +130,7 @@ def _refusal(path: Path, arrived: str, expected: str) -> ScenarioError:
 
 
 class _Reader:
-    """Reader of one dataset; raises ScenarioError if content is missing or irregular."""
+    """Reader of one NetCDF file; raises ScenarioError if content is missing or irregular."""
 
     def __init__(self, path: Path, dataset: "xr.Dataset") -> None:
         self.path, self.dataset = path, dataset
@@ -188,9 +188,10 @@ class _Reader:
         is_geographic: bool,
         is_geopotential: bool,
     ) -> WindField:
-        """Return the field with rising axes and levels; raises ScenarioError if the order differs between nodes.
+        """Return the field with rising axes and levels; raises ScenarioError if they have no order, or only one value.
 
-        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role.
+        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role;
+        `horizontal` are the roles of the northward and the eastward axis.
         """
         times, epoch = axes.get("time", np.zeros(1)), None
         if np.issubdtype(times.dtype, np.datetime64):
@@ -231,8 +232,9 @@ class _Reader:
     ) -> tuple[np.ndarray, bool]:
         """Return the altitude of every node and level, m, and whether it is geopotential.
 
-        `name` and `axis` are name and values of the vertical coordinate; `values` reads a variable in the order of
-        `shape`. Raises ScenarioError if pressure levels have no altitudes.
+        `vertical` is "pressure" or "altitude"; `name` and `axis` are name and values of this coordinate. `values`
+        returns a variable times a factor as an array of the shape `shape`. Raises ScenarioError if pressure levels have
+        no altitudes.
         """
         if vertical == "altitude":
             standard = str(self.dataset[name].attrs.get("standard_name", ""))
@@ -257,7 +259,11 @@ class _Reader:
         height: np.ndarray,
         dims: list[str],
     ) -> np.ndarray | None:
-        """Return the vertical velocity of the air at nodes and levels, m/s, up positive; None if not in the file."""
+        """Return the vertical velocity of the air at nodes and levels, m/s, up positive; None if not in the file.
+
+        `height` is the altitude of nodes and levels (m); `dims` names the axes of the arrays. For the other arguments,
+        see `_heights`.
+        """
         found = self._find("upward", self.dataset.data_vars)
         if found is None:
             return None

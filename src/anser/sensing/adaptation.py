@@ -4,8 +4,11 @@ The missing coefficients are the measured minus the modelled forces and moments,
 coefficients, recursive least squares estimate increments of constants and derivatives of CX, CY, CZ, Cl, Cm and Cn.
 Derivations: docs/theory/identification.md.
 
-In array shapes, p is the number of regressors: 4 of the motion, and one for each control surface. The 4 regressors are
-1, alpha, q c/2V and 0 for CX, CZ, Cm; 1, beta, p b/2V and r b/2V for CY, Cl, Cn (`anser.aircraft.corrected_airframe`).
+In array shapes, p is the number of regressors of a coefficient: four for the motion, then one per control surface. The
+first four (`anser.aircraft.corrected_airframe`) are, with body rates P, Q, R, mean chord c and span b:
+
+- for CX, CZ and Cm: 1, alpha, Q c/2V, 0
+- for CY, Cl and Cn: 1, beta, P b/2V, R b/2V
 """
 
 import dataclasses
@@ -89,13 +92,13 @@ _GRADIENT_STEP = 0.05
 
 
 class AdaptationSettings(eqx.Module):
-    """Settings of the estimation of aerodynamic increments."""
+    """Settings of the regression that explains responses (measured minus modelled coefficients) by increments."""
 
     bandwidth: Scalar  #: Bandwidth of the low-pass filter on responses and regressors, rad/s.
     forgetting_time: Scalar  #: Time constant with which recursive least squares forget earlier samples, s.
     mean_time: Scalar  #: Time constant of the running mean values of responses and regressors, s.
-    #: Least excitation at which an estimate changes, as a multiple of the noise variance. The excitation is the square
-    #: of a coefficient's change by the regressors' deviations, for increments of one prior standard deviation.
+    #: Least excitation at which an estimate changes, as a multiple of the noise variance. The excitation is the
+    #: variance of a coefficient due to the increments' prior variance, for the regressors' deviations from their means.
     excitation_min: Scalar
 
 
@@ -105,15 +108,15 @@ def default_settings() -> AdaptationSettings:
 
 
 class AdaptationState(eqx.Module):
-    """State of the adaptation between two samples."""
+    """State of the adaptation between two samples. Missing coefficients: measured minus modelled coefficients."""
 
     base: Any  #: State of the estimator of the motion.
-    derivatives: Increments  #: Model's derivatives by the regressors at the start; 0 if the model has none.
+    derivatives: Increments  #: Derivatives of the model's coefficients at the start; 0 if the model has none.
     prior_deviation: Increments  #: Standard deviations of the increments before the flight.
     increments: Increments  #: Estimated increments of the derivatives of CX, CY, CZ, Cl, Cm, Cn.
     covariance: Float[Array, "6 p p"]  #: Covariance of the increments.
     response: Float[Array, "6"]  #: Low-pass filtered missing coefficients.
-    regressors: Float[Array, "2 p"]  #: Low-pass filtered regressors minus `reference`: longitudinal, lateral.
+    regressors: Float[Array, "2 p"]  #: Low-pass filtered regressors minus `reference`; rows: longitudinal, lateral.
     mean_response: Float[Array, "6"]  #: Running mean of `response`.
     mean: Float[Array, "2 p"]  #: Running mean of `regressors`.
     reference: Float[Array, "2 p"]  #: Regressors at the start of the flight.
@@ -130,7 +133,7 @@ class AdaptationState(eqx.Module):
 class AerodynamicEstimates(AbstractEstimates):
     """Estimated aerodynamic derivatives with uncertainty, and the reported fault (`anser.sensing.fault_detection`)."""
 
-    derivatives: Increments  #: Derivatives of the model.
+    derivatives: Increments  #: Derivatives of the model's coefficients by the p regressors of this module.
     increments: Increments  #: Estimated increments of the derivatives.
     covariance: Float[Array, "6 p p"]  #: Covariance of the increments.
     fault: Integer  #: Code of the reported fault.
@@ -151,7 +154,7 @@ class AerodynamicEstimates(AbstractEstimates):
     def variables(self) -> dict[str, Array]:
         """Return the recorded variables: derivatives and control effectiveness with standard deviations, and the fault.
 
-        The control effectiveness is a ratio to the model's effectiveness; NaN if the model's is 0.
+        The control effectiveness is divided by the model's effectiveness; NaN if the model's effectiveness is 0.
         """
         total, sigma = self._total, self._sigma
         values = {"effectiveness_uncertainty": self.effectiveness_uncertainty}
@@ -177,9 +180,10 @@ class AerodynamicEstimates(AbstractEstimates):
 
 
 class AdaptiveEstimator(AbstractEstimator):
-    """Estimator that corrects the onboard model by increments of CX, CY, CZ, Cl, Cm and Cn, a regression for each.
+    """Estimator that corrects the onboard model by increments of CX, CY, CZ, Cl, Cm and Cn.
 
-    The estimates of a coefficient remain constant while the excitation is below `AdaptationSettings.excitation_min`.
+    Each coefficient has its own regression, and its estimates remain constant while the excitation is below the bound
+    `AdaptationSettings.excitation_min`.
     """
 
     base: AbstractEstimator  #: Estimator of the motion; the airframe of its belief must be the onboard model.
@@ -189,7 +193,7 @@ class AdaptiveEstimator(AbstractEstimator):
     #: "least-squares": recursive least squares with directional forgetting. "gradient": normalised gradient method,
     #: which estimates the control effectiveness alone.
     method: Method = eqx.field(static=True, default="least-squares")
-    #: False: the model has no aerodynamic coefficients, and the increments are the whole coefficients.
+    #: True: the increments correct the model's coefficients. False: the increments are the whole coefficients.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
@@ -307,7 +311,7 @@ class AdaptiveEstimator(AbstractEstimator):
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
         """Return the running mean of the prediction errors and the variance about the mean, (6,) each.
 
-        The variance changes only in calm flight.
+        `error` is the present prediction error. The variance changes only while `excitation` is small.
         """
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
@@ -355,7 +359,7 @@ def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
 
 
 def _present_share(belief: Belief) -> float:
-    """Return the weight of the present sample, against the previous, in means over the sampling period."""
+    """Return the weight of the present sample in a mean over the sampling period; the previous one has the rest."""
     # held surfaces: the present deflections acted over the whole period
     return 1.0 if belief.airframe.actuators.is_held else 0.5
 
@@ -381,8 +385,8 @@ def _gradient_step(
 ) -> Increments:
     """Return the increments after one step of normalised least mean squares; only derivatives by surfaces change.
 
-    `response` (missing coefficients) and `moving` (regressors) must be deviations from running mean values. Source:
-    Smeur et al., J. Guidance 39(3), 2016.
+    `response` (missing coefficients) and `moving` (regressors) must be deviations from running mean values; `noise` is
+    the noise variance of `response`. Source: Smeur et al., J. Guidance 39(3), 2016.
     """
     error = response - jnp.sum(state.increments * moving, axis=1)
     # in units of the prior deviations: one step size suits all surfaces
@@ -393,7 +397,7 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Return the increments limited to 3 prior standard deviations, and to 0.3..2 times the model's effectiveness."""
+    """Limit increments to 3 prior deviations, and derivatives by effective surfaces to 0.3..2 times the model's."""
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
     low, high = (state.derivatives * (factor - 1.0) for factor in _EFFECTIVENESS_RANGE)
@@ -444,7 +448,7 @@ def model_derivatives(
 ) -> Increments:
     """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, (6, p), in the present flight condition.
 
-    The column of the constant is 0. The fourth column is 0 for CX, CZ and Cm.
+    For the p regressors see the module. The derivatives by the regressors 1 and 0 are 0.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])

@@ -49,18 +49,18 @@ def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector
 
 
 class Briefing(eqx.Module):
-    """Knowledge of the goal's initial motion before the flight.
+    """Knowledge of the goal's motion at the start, given before the flight.
 
     The vertical standard deviations are a tenth of the horizontal standard deviations.
     """
 
-    position_n: Vector3  #: True position, NED, m.
-    velocity_n: Vector3  #: True velocity, NED, m/s.
+    position_n: Vector3  #: True position of the goal at the start, NED, m.
+    velocity_n: Vector3  #: True velocity of the goal at the start, NED, m/s.
     position_sigma: Scalar  #: Horizontal standard deviation of the briefed position per axis, m.
     velocity_sigma: Scalar  #: Horizontal standard deviation of the briefed velocity per axis, m/s.
 
     def sample(self, instant: Instant) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Return briefed position and velocity, drawn once per flight, and standard deviations: (6,), NED, m, m/s."""
+        """Return position and velocity with the errors of this flight, and standard deviations; (6,), NED, m, m/s."""
         axes = jnp.array([1.0, 1.0, _VERTICAL])
         sigmas = jnp.concatenate([self.position_sigma * axes, self.velocity_sigma * axes])
         truth = jnp.concatenate([self.position_n, self.velocity_n])
@@ -90,7 +90,8 @@ class TrackingEstimator(AbstractEstimator):
     #: Filter of the goal's motion; None: the motion follows from the reading's line of sight (theory section 7).
     goal: AbstractGoalFilter | None = None
     briefing: Briefing | None = None  #: Knowledge of the goal before the flight; must be set if `goal` is set.
-    model: AbstractAirframe | None = None  #: Airframe of the belief; None: the true airframe at the start.
+    #: Airframe that estimator and controller assume; None: the true airframe at the start.
+    model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
         """Return the initial states of the filters."""

@@ -34,19 +34,20 @@ ICE_DRAG, ICE_LIFT = 0.2, 0.1
 class FaultDetection(eqx.Module):
     """Settings of the fault detection.
 
-    The energy of the missing coefficients is the integral of (coefficient / noise deviation)^2 over the exponential
-    window, s. A fault is reported if the hypothesis meets all least values below for the time `confirmation`.
+    The missing coefficients are measured minus modelled coefficients. The energy is the integral of (missing
+    coefficient / noise deviation)^2 over the exponential window, s. A fault is reported if it meets all least values
+    below for the time `confirmation`.
     """
 
     window: Scalar  #: Time constant of the exponential window, s.
     mean_time: Scalar  #: Time constant of the running mean values, s.
-    size_min: Scalar  #: Least magnitude of the size, as a fraction of `FAULT_SIZES`.
-    #: Least energy that the hypothesis of each fault must explain, s. The bound excludes the response of the loops to
-    #: sensor noise: small deflections that correlate with the missing coefficients.
+    size_min: Scalar  #: Least magnitude of the fault's size, as a fraction of `FAULT_SIZES`.
+    #: Least energy that each fault must explain, s. The bound excludes the small deflections by which the loops
+    #: respond to sensor noise, and which correlate with the missing coefficients.
     ratio_min: Float[Array, " fault"]
-    share_min: Scalar  #: Least fraction of the energy that the hypothesis must explain.
-    lead_min: Scalar  #: Least ratio of the explained energy to the energy that the next best hypothesis explains.
-    confirmation: Scalar  #: Time for which the conditions must hold without interruption, s.
+    share_min: Scalar  #: Least fraction of the energy that the fault must explain.
+    lead_min: Scalar  #: Least ratio of the explained energy to the energy that the next best fault explains.
+    confirmation: Scalar  #: Time for which the fault must meet the least values without interruption, s.
     surfaces: int = eqx.field(static=True)  #: Number of control surfaces.
 
     def init(self) -> "FaultState":
@@ -69,8 +70,8 @@ class FaultDetection(eqx.Module):
     def advance(
         self,
         state: "FaultState",
-        response: Float[Array, "6"],  # low-pass filtered missing coefficients
-        effects: Float[Array, "fault 6"],  # see `fault_effects`
+        response: Float[Array, "6"],  # low-pass filtered measured minus modelled coefficients
+        effects: Float[Array, "fault 6"],  # effects of the faults on the coefficients, see `fault_effects`
         noise: Float[Array, "6"],  # standard deviations of the missing coefficients of a healthy aircraft
         fade: ScalarLike,  # weight of a new value in the low-pass filter
         step: ScalarLike,
@@ -132,12 +133,12 @@ class FaultState(eqx.Module):
 
     prediction: Float[Array, "fault 6"]  #: Low-pass filtered effect of each fault of size 1 on CX, CY, CZ, Cl, Cm, Cn.
     mean_prediction: Float[Array, "fault 6"]  #: Running mean of `prediction`.
-    mean_response: Float[Array, "6"]  #: Running mean of the missing coefficients.
+    mean_response: Float[Array, "6"]  #: Running mean of the missing (measured minus modelled) coefficients.
     information: Float[Array, " fault"]  #: Integral of prediction^2, s.
     correlation: Float[Array, " fault"]  #: Integral of prediction * missing coefficients, s.
     energy: Scalar  #: Integral of missing coefficients^2, s.
-    duration: Scalar  #: Time for which the candidate has met the conditions without interruption, s.
-    candidate: Integer  #: Code of the hypothesis that meets the conditions; `NO_FAULT` if there is none.
+    duration: Scalar  #: Time for which the candidate has met the least values without interruption, s.
+    candidate: Integer  #: Code of the fault that meets the least values of `FaultDetection`, or `NO_FAULT`.
     code: Integer  #: Code of the reported fault; `NO_FAULT` before a report.
     size: Scalar  #: Present estimate of the size of the reported fault, in the unit of `FAULT_SIZES`.
 

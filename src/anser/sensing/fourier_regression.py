@@ -1,10 +1,10 @@
 """Regression in the frequency domain, in real time: coefficients of linear equations from recursive Fourier transforms.
 
-Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000. Three changes
-are derived in docs/theory/identification.md:
+Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000. This module
+differs in three points (docs/theory/identification.md):
 
-- Inputs that are constant over a sampling period enter half a period earlier.
-- The transform of a derivative has end terms.
+- An input that is constant over a sampling period counts at the middle of the period.
+- The transform of a time derivative includes terms for both ends of the record.
 - The covariance follows from the measurement noise, which is correlated between neighbouring frequencies.
 """
 
@@ -22,7 +22,7 @@ _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
 
 
 def _line_weights() -> np.ndarray:
-    """Return the weights (10,) of samples that give the value of the least-squares line at sample 0."""
+    """Return the weights (10,) by which 10 samples give the value of the least-squares line at the first sample."""
     distance = np.arange(_END_SAMPLES) - 0.5 * (_END_SAMPLES - 1)
     return 1.0 / _END_SAMPLES + distance[0] * distance / np.sum(distance**2)
 
@@ -40,12 +40,12 @@ class FourierSums(eqx.Module):
 
 
 class RegressionEstimate(eqx.Module):
-    """Estimated coefficients of each equation; values and covariance are NaN for a record of fewer than 20 samples."""
+    """Result of `FourierRegression.estimate`; values and covariance are NaN for a record of fewer than 20 samples."""
 
-    values: Float[Array, "equation regressor"]  #: Coefficients.
+    values: Float[Array, "equation regressor"]  #: Estimated coefficients of each equation.
     covariance: Float[Array, "equation regressor regressor"]  #: Covariance of the coefficients, times max(misfit, 1).
-    condition: Scalar  #: Condition number of the regressors, each scaled to length 1.
-    misfit: Float[Array, " equation"]  #: Energy of the residuals over the energy that measurement noise explains.
+    condition: Scalar  #: Condition number of the matrix of the regressors, each scaled to length 1.
+    misfit: Float[Array, " equation"]  #: Energy of the residuals divided by the energy that noise explains.
 
     @property
     def standard_errors(self) -> Float[Array, "equation regressor"]:
@@ -54,17 +54,17 @@ class RegressionEstimate(eqx.Module):
 
 
 class FourierRegression(eqx.Module):
-    """Real-time regression: each response is a linear combination of the regressors, with constant coefficients.
+    """Real-time estimation of the coefficients of linear equations, response = sum of (coefficient * regressor).
 
     Biases and trim values have no effect, because the frequencies do not include 0.
     """
 
     frequencies: Vector  #: Angular frequencies of the transforms, rad/s; must be positive.
     forgetting_time: Scalar  #: Time constant of exponential forgetting, s; infinite: all samples have equal weight.
-    responses: tuple[int, ...] = eqx.field(static=True)  #: Index of each equation's response among the signals.
+    responses: tuple[int, ...] = eqx.field(static=True)  #: For each equation, index of the signal that is the response.
     #: Indices of the signals that are regressors of every equation. The inputs follow as further regressors.
     regressors: tuple[int, ...] = eqx.field(static=True)
-    #: True: the response is the time derivative of the signal, as in a state equation.
+    #: True: the response is the time derivative of that signal, as in a state equation; False: the signal itself.
     differentiate: bool = eqx.field(static=True, default=True)
     #: True: the record starts in steady flight, and the signals are deviations from that flight.
     steady_start: bool = eqx.field(static=True, default=False)
@@ -152,7 +152,7 @@ class FourierRegression(eqx.Module):
 
     @property
     def _rate_factor(self) -> Complex[Array, " frequency"]:
-        """Factor i w - 1 / `forgetting_time`, 1/s: transform(dx/dt) = factor * transform(x) + end term."""
+        """Factor i w - 1 / `forgetting_time`, 1/s: transform(dx/dt) = factor * transform(x) + `end_term`."""
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
@@ -169,7 +169,7 @@ class FourierRegression(eqx.Module):
 
 
 class _Projector(eqx.Module):
-    """Projection of noise n onto the regressors: inverse Re(conj(regressors) n) is the error of the coefficients."""
+    """Matrices that give the coefficients' error due to noise n of the response: inverse Re(conj(regressors) n)."""
 
     regressors: Complex[Array, "regressor frequency"]  # transforms of the regressors, each scaled to length 1
     inverse: Float[Array, "regressor regressor"]  # inverse of the normal matrix of the scaled regressors
@@ -179,7 +179,7 @@ class _Projector(eqx.Module):
     ) -> tuple[Float[Array, "regressor regressor"], Scalar]:
         """Return the covariance of the coefficients, and the expected energy of the residuals.
 
-        `noise` has the covariance E[n n*] and the pseudo-covariance E[n n'] of the noise n over frequencies.
+        `noise` is the pair of covariance E[n n*] and pseudo-covariance E[n n'] of the noise n at the frequencies.
         """
         hermitian, symmetric = noise
         R, M = self.regressors.conj(), self.inverse
@@ -191,7 +191,7 @@ class _Projector(eqx.Module):
 
 
 class _EndWeights:
-    """Weights of a record's first and last samples in the transforms and in the end terms."""
+    """Weights of the first and the last 10 samples of a record in the transforms and in `end_term`."""
 
     def __init__(self, regression: FourierRegression, sums: FourierSums, step: ScalarLike) -> None:
         self.regression, self.step, self.count = regression, step, sums.count
@@ -215,9 +215,9 @@ class _EndWeights:
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
-        """Return covariance and pseudo-covariance over frequencies of noise in the residual of an equation.
+        """Return covariance and pseudo-covariance (see `_Projector`) of the noise in the residual of an equation.
 
-        Noise = `sum_factor` * transform + `end_factor` * end term of a signal of white noise with variance 1.
+        The noise is `sum_factor` * transform + `end_factor` * end term of white noise with variance 1.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)

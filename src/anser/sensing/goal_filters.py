@@ -75,7 +75,7 @@ class GoalTrack(eqx.Module):
 class GoalFilter(AbstractGoalFilter):
     """Kalman filter of a goal's motion in NED axes, with one motion model or several interacting models (IMM).
 
-    An out-of-sequence measurement is predicted from the estimate propagated back to the time of the measurement without
+    For a measurement older than the latest, the estimate is propagated back to the time of the measurement without
     process noise (Y. Bar-Shalom, IEEE Trans. Aerospace and Electronic Systems 38, 2002, algorithm C). The models
     interact as in H. A. P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988.
     """
@@ -83,7 +83,7 @@ class GoalFilter(AbstractGoalFilter):
     models: tuple[AbstractMotionModel, ...]  #: Motion models with equal numbers of states.
     sojourn: Scalar  #: Mean time between changes of the goal's model, s; unused with one model.
     #: Running mean of the normalised innovation squared, divided by the dimension, above which the filter has diverged.
-    #: The mean starts at 1 and has a memory of 20 measurements; one measurement is limited to 5 `nis_max`.
+    #: The mean starts at 1 and has a memory of 20 measurements, each of which counts as at most 5 `nis_max`.
     nis_max: Scalar
     sigma_max: Scalar  #: Standard deviation of the position above which the filter has diverged, m.
     #: "ekf": extended Kalman filter; "ukf": unscented Kalman filter.

@@ -60,8 +60,8 @@ def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
 class NoisyGoalSensor(eqx.Module):
     """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`."""
 
-    #: Standard deviations of the noise, in the order and units of `GoalReading.values`. For a line of sight, angles are
-    #: measured across the line: the error of the azimuth is greater by the factor 1 / cos(elevation).
+    #: Standard deviations of the noise, in the order and units of `GoalReading.values`. For a line of sight, the
+    #: deviations of the azimuth and the azimuth rate are these values divided by cos(elevation).
     sigmas: Float[Array, "6"]
     range_share: Scalar  #: Standard deviation of an additional range error, as a fraction of the range.
     #: Standard deviations of the biases, which are drawn once per flight, in the order and units of `sigmas`.
@@ -96,8 +96,8 @@ class NoisyGoalSensor(eqx.Module):
     ) -> tuple[GoalReading, GoalSensorState]:
         """Return the measurement that arrives at this sample, or an empty reading, and the new sensor state.
 
-        At most one delayed measurement arrives per sample. Further measurements that are due arrive at later samples;
-        measurements later than the greatest latency by more than one sample are lost.
+        At most one delayed measurement arrives per sample. Further measurements that are due arrive at later samples,
+        and are lost once their age exceeds the greatest latency by more than one sample.
         """
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(

@@ -71,8 +71,8 @@ class SigmaPoints(NamedTuple):
     def weights(self, count: int) -> tuple[float, np.ndarray, np.ndarray]:
         """Return scale, weights for the mean, and weights for the covariance; `count` is the number of states n.
 
-        Sigma points minus mean are plus and minus the columns of the Cholesky root of scale * covariance. The weights
-        have shape (2 n + 1,); index 0 is the point at the mean.
+        The sigma points are the mean, and the mean plus and minus each column of the Cholesky root of scale *
+        covariance. The weights have shape (2 n + 1,); index 0 belongs to the mean.
         """
         scale = self.alpha**2 * (count + self.kappa)
         mean_weights = np.full(2 * count + 1, 0.5 / scale)
@@ -111,7 +111,7 @@ def unscented_prediction(
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Return the unscented Kalman update of the predicted mean and covariance, for all components at once."""
+    """Return the unscented Kalman update of the predicted mean and covariance by all measured components together."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     sigma_points = points.generate(mean, covariance)
     innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured

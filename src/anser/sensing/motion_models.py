@@ -16,7 +16,7 @@ _SMALL = 1e-3  # turn angle, rad, below which sine and cosine integrals use seri
 class AbstractMotionModel(eqx.Module):
     """Interface of the motion models of a goal. Subclass this class directly, not a concrete model.
 
-    States: position (NED, m), velocity (NED, m/s); a 7th state is the turn rate (rad/s, positive to the right).
+    States: position (NED, m), velocity (NED, m/s), and in models with 7 states the turn rate (rad/s, right positive).
     """
 
     @property

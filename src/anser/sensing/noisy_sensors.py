@@ -13,8 +13,8 @@ from anser.sensing.vehicle_sensors import VehicleSensors
 class NoisySensors(AbstractSensors):
     """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor.
 
-    In the reading, `condition` and the body velocity and surfaces of `state` always equal the truth; the measured
-    velocities are `fix` and `velocity_air_b`.
+    In a reading, `condition`, and velocity, actuators and engine in `state`, are true. The measured velocities are in
+    `fix` (over the ground) and `velocity_air_b` (relative to the air).
     """
 
     vehicle: VehicleSensors | None = None  #: Vehicle sensors; None: exact state and air data.

@@ -1,4 +1,4 @@
-"""Sensors of the aircraft's motion with errors, and the random processes of all sensors."""
+"""Sensors with errors that measure the aircraft's motion; models of correlated errors and dropouts."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -196,7 +196,7 @@ def is_due(instant: Instant, period: Scalar) -> Array:
 def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
     """Return an attitude quaternion, NED to body, rotated by small angles about the body axes x, y and z (rad).
 
-    The rotation angle is 2 arctan(|angles| / 2); the relative error is at most 1e-6 up to 0.2 deg, 1e-4 up to 2 deg.
+    The rotation angle is 2 arctan(|angles| / 2) instead of |angles|; relative error 1e-6 at 0.2 deg, 1e-4 at 2 deg.
     """
     half_b = 0.5 * angles_b
     return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones_like(half_b[:1]), half_b])))

@@ -51,7 +51,7 @@ STATUS_MESSAGES: tuple[str, ...] = (
 
 
 def is_breakaway(status: Any) -> Any:
-    """Whether a status code (or each code of an array) is a breakaway: the aircraft left its plan for its hold."""
+    """Whether a status code (or each code of an array) is a breakaway, after which the aircraft flies its hold."""
     has_left_plan = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
     return has_left_plan | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
@@ -243,8 +243,8 @@ def move(
 ) -> VehicleState:
     """Return the state after one step with constant controls.
 
-    An aircraft with a mission stops at the ground, outside the wind field of a file, or if a value is not finite; later
-    states repeat the last valid state. An aircraft without a mission never stops.
+    An aircraft with a mission stops at the ground, outside a wind field that has no values beyond its boundary, or if a
+    value is not finite; later states repeat the last valid state. An aircraft without a mission never stops.
     """
     instant = for_aircraft(instant, state.index)
     airframe = vehicle.airframe_at(instant.time)
@@ -327,7 +327,7 @@ def _vehicle_status(
 
 
 def _own_status(own: Any, status: Any, next_status: Any) -> Any:
-    """Return `next_status` if the checks have changed `status`; if not, the aircraft's own code `own`."""
+    """Return the code to store: `next_status` if the checks have changed `status`, or else the previous code `own`."""
     # The code of a plan is not stored, because a later plan has its own code.
     return jnp.where(next_status == status, own, next_status)
 

@@ -46,8 +46,8 @@ class AirspeedStatistics(eqx.Module):
 class FleetSummary(eqx.Module):
     """Results of a fleet's flight up to the latest sample, SI units.
 
-    The pass is the closest pass of the moving rendezvous, while the plan is flown and until 10 s after the planned
-    arrival. Positions are interpolated linearly between samples.
+    The pass is the point of the flight nearest to the moving rendezvous, while the aircraft flies the plan and at most
+    10 s after the planned arrival. Positions are interpolated linearly between samples.
     """
 
     pass_time: Float[Array, " aircraft"]  #: Time of the pass, s; NaN if there is no pass.
@@ -195,7 +195,7 @@ class SummaryRecorder(AbstractRecorder):
         return summary, current
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
-        """Return the least ratio of distance to required separation of any two aircraft; infinite if none applies."""
+        """Return the least ratio of distance to required separation of any two aircraft; infinite if there is none."""
         count = position_n.shape[0]
         if self.separation is None or count < 2:
             return jnp.asarray(jnp.inf)
@@ -244,7 +244,7 @@ def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
 
 
 def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
-    """Return the least distance (m) between any two aircraft on straight lines; infinite for a single aircraft."""
+    """Return the least distance (m) between aircraft on lines from `start_n` to `end_n`; infinite for one aircraft."""
     count = end_n.shape[0]
     if count < 2:
         return jnp.asarray(jnp.inf)

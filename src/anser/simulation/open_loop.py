@@ -57,8 +57,8 @@ class PrescribedControls(_SampledControls):
 class FeedbackControls(_SampledControls):
     """Open-loop controller that computes the controls by `law`, a function of time and state."""
 
-    reference: Controls  #: Surfaces (rad) and throttle (0..1) that apply to controls missing in the result of `law`.
-    #: The function; must be traceable by JAX (arithmetic of `jax.numpy`).
+    reference: Controls  #: Surfaces (rad) and throttle (0..1) for controls that `law` does not return.
+    #: Function (time in s, variables by dataset name) that returns controls by name; must be traceable by JAX.
     law: StateFeedback = eqx.field(static=True)
 
     def control(

@@ -1,4 +1,4 @@
-"""Response of one aircraft to commands to one loop of its autopilot, and step-response metrics (theory section 5)."""
+"""Response of one aircraft to a command for one loop of the autopilot, and step-response metrics (theory section 5)."""
 
 from typing import Any
 
@@ -134,7 +134,7 @@ def settled_residual(belief: Belief) -> ModelResidual:
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
-    """Return the autopilot's settled state in the steady flight `trim`, without a limit on the bank rate."""
+    """Return the settled state, in the steady flight `trim`, of an autopilot that does not limit the bank rate."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
@@ -175,7 +175,7 @@ class StepMetrics(eqx.Module):
     overshoot: Vector3  # fraction of the step
     final_error: Vector3  # command minus output, mean of the last tenth, as a fraction of the step
     coupling: Vector3  # largest deviation of a channel without a step, in the channel's unit
-    surface_utilization: Vector  # largest deflection of each surface over the travel from trim to the stop
+    surface_utilization: Vector  # largest deflection of each surface from trim, divided by the travel to the stop
 
 
 def step_metrics(

@@ -27,10 +27,10 @@ def must_break_away(
 ) -> Flag:
     """Whether an aircraft must abandon its plan for the hold at once, because it comes too near its goal.
 
-    True if the aircraft is inside the least distance, or if both of these passes of the goal are too near:
+    True if the aircraft is nearer to the goal than `distance_min`, or if both of these flights would come too near:
 
-    - straight flight: nearer than the least distance minus 10 m
-    - a 180 deg turn into the hold, started in 2.5 s: nearer than the least distance plus 25 m
+    - straight flight: nearer than `distance_min` minus 10 m
+    - straight flight for 2.5 s, then a 180 deg turn into the hold: nearer than `distance_min` plus 25 m
     """
     distance = safe_norm(to_goal_n)
     inside = distance < distance_min

@@ -69,10 +69,10 @@ class SurveySummary(eqx.Module):
     alpha_max: Scalar  # greatest angle of attack, rad
     load_factor_min: Scalar  # least load factor: minus body z force over weight
     load_factor_max: Scalar  # greatest load factor
-    surface_share: Vector  # greatest deflection of each surface over the travel from the middle to the stop
-    surface_rate_share: Vector  # greatest rate of each surface over the rate limit
-    body_rate_share: Vector3  # greatest body rates over the limits
-    limited_time: Float[Array, "9"]  # time at each of `AUTOPILOT_LIMITS`, s
+    surface_share: Vector  # greatest deflection of each surface, divided by the travel from the middle to the stop
+    surface_rate_share: Vector  # greatest rate of each surface, divided by the rate limit
+    body_rate_share: Vector3  # greatest body rates, divided by the limits
+    limited_time: Float[Array, "9"]  # time for which each of `AUTOPILOT_LIMITS` is active, s
     limited_late: Float[Array, "9"]  # time at each limit in the last tenth of the flight, s
     limited_before_slip: Float[Array, "9"]  # time at each limit before the sideslip first exceeds `BETA_BOUND`, s
     left_time: Float[Array, "4"]  # first time outside the data along each of `TABLE_AXES`, s; infinite: never
@@ -110,7 +110,7 @@ _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Return the path command at `time` (s): steady flight or turn `target` plus `size` (m/s and rad)."""
+    """Return the command at `time` (s): (V, gamma, chi) of the steady flight or turn `target`, plus `size`."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],

@@ -86,7 +86,7 @@ class Mission(eqx.Module):
     goal: GoalMotion  #: True motion of the goal, which the planner must not use.
     airborne: Flag  #: True: the goal is in the air; False: the goal is on the surface.
     rendezvous: Rendezvous  #: Rendezvous point relative to the goal, and prescribed directions of arrival.
-    #: Guidance after the arrival or a breakaway: along the hold of the plan, or on a circle around the goal.
+    #: Guidance after the arrival or a breakaway, along the planned hold or on a circle around the goal.
     hold: HoldAroundGoal
 
     @property

@@ -61,7 +61,7 @@ class Air(Table):
         return build_environment(cast(Scenario, self))
 
     def gusts(self, airframe: AbstractAirframe) -> AbstractGusts:
-        """Return turbulence, which depends on the span, and discrete gusts at an aircraft."""
+        """Return the gusts at an aircraft: turbulence, which depends on the wing span, and discrete gusts."""
         span_m = span_of(airframe) if self.is_random else 0.0
         return build_gusts(cast(Scenario, self), cast(Any, self), span_m)
 
@@ -74,7 +74,7 @@ def read_air(
     seed: int = 0,
     atmosphere: Mapping[str, Any] | Atmosphere | None = None,
 ) -> Air:
-    """Return the air of a flight from tables as in a scenario file, validated; `turbulence` may be its intensity alone.
+    """Return the air of a flight from tables as in a scenario file; `turbulence` may be a word such as "moderate".
 
     None: flat Earth with standard gravity, no wind, no turbulence, standard atmosphere. The path of a sounding is
     relative to the working folder. Raises ScenarioError if a table is not valid.

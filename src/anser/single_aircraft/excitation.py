@@ -24,8 +24,8 @@ def read_excitation(
 ) -> Excitation | None:
     """Return the excitation of a flight with a controller from input signals by name; None if no signal is given.
 
-    Raises ValueError if the flight has no controller, an input is unknown or no command of this controller, or a value
-    is no signal or too fast for the sampling period.
+    Raises ValueError if the flight has no controller, if an input is unknown or does not exist with this controller, or
+    if a value is not a signal or has a frequency above half the sampling rate.
 
     Parameters
     ----------

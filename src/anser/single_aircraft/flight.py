@@ -353,7 +353,7 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that applies `controls` of `simulate`; `sample` computes the values of inputs over time."""
+    """Return the controller that applies `controls` of `simulate`; `sample` calls `sample_inputs`."""
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):
         # A new object for each flight, traced anew: the values that the function refers to may have changed.
@@ -392,9 +392,9 @@ def flight_dataset(
 ) -> xr.Dataset:
     """Return the recorded variables of one aircraft as a dataset over time, up to the flight's end.
 
-    `history` has the variables by key (SI units), `air_layers` the atmosphere, `is_outside` marks rows beyond the wind
-    field. The flight ends before the first row on the ground, beyond the wind field or with a non-finite motion; the
-    attribute `end` states which. Raises ValueError if the first row is such a row.
+    `history` has the variables by key (SI units); `air_layers` describes the atmosphere; `is_outside` is True for a row
+    beyond the wind field. The flight ends before the first row on the ground, beyond the wind field or with a
+    non-finite motion; the attribute `end` states which. Raises ValueError if the first row is such a row.
     """
     motion = [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
     endings = {

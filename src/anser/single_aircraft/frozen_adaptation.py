@@ -1,4 +1,4 @@
-"""Estimated increments of coefficients of an adaptive autopilot: history, and margins with frozen estimates."""
+"""Increments of coefficients that an adaptive autopilot estimates: history, and margins with frozen estimates."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,12 +25,12 @@ _STATE_REGRESSORS = ("constant", "alpha_or_beta", "pitch_or_roll_rate", "yaw_rat
 
 
 class AdaptationHistory(AbstractRecorder):
-    """Recorder of one aircraft with an adaptive autopilot: all variables, and the increments of the onboard model."""
+    """Recorder of one aircraft with an adaptive autopilot: all variables, and the estimated coefficient increments."""
 
     stride: int = eqx.field(static=True, default=1)
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the variables of a sample by key (SI, rad), with increments and reference of the onboard model."""
+        """Return the variables of a sample by key (SI, rad), with coefficient increments and reference regressors."""
         corrected: Any = sample.belief.airframe
         return {**record(sample), _INCREMENTS: corrected.increments, _REFERENCE: corrected.reference}
 
@@ -39,7 +39,7 @@ def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: 
     """Return the increments of the first `rows` samples as dataset variables; empty if the flight has no increments.
 
     The variables are the increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor (1, alpha or beta,
-    dimensionless rates, surfaces; angles in rad), and the reference values of the regressors.
+    dimensionless rates, surfaces; angles in rad), and the values from which deviations of regressors count.
     """
     if _INCREMENTS not in history:
         return {}

@@ -225,7 +225,8 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
 
-    `speeds` (m/s, rising) is the search range; `mass` is relative to the airframe's mass.
+    `fly` trims flights from columns of `_Points`; `speeds` (m/s, rising) is the search range; `mass` is relative to the
+    airframe's mass.
     """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
@@ -245,7 +246,8 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
     """Return two figures: best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), and its airspeed.
 
-    `name` and `unit` are for the first figure. If no climb or glide exists, the result is a single NaN.
+    `fly` trims flights from columns of `_Points`; `name` and `unit` are for the first figure. If no climb or glide
+    exists, the result is a single NaN.
     """
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
@@ -273,7 +275,8 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    The search ends at a load factor of 9. If no level turn exists, the result is a single NaN.
+    `fly` trims flights from columns of `_Points`. The search ends at a load factor of 9. If no level turn exists, the
+    result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size

@@ -231,9 +231,9 @@ class Simulator:
 class _Programs:
     """Compiled functions of simulators with the same structure of aircraft and air, for one aircraft or for several.
 
-    A call is fast because it has few arguments: `constants` has the numbers of aircraft and air, then the step (s);
-    `packed` has motion, number of the sample and variables (at `indices`), with a last axis over several aircraft.
-    `step` computes the variables of one aircraft, but not of several.
+    Few arguments make a call fast. The array `constants` holds the numbers of aircraft and air, then the step (s).
+    `packed` holds motion, sample number and variables (at `indices`); its last axis is over the aircraft if there are
+    several. For several aircraft, `step` does not compute the variables.
     """
 
     def __init__(
@@ -278,7 +278,7 @@ _to_motion = compiled_quickly(to_motion_state)
 def _prepare(
     airframe: AbstractAirframe, environment: Environment, motion: MotionState, step: float, *, batched: bool
 ) -> tuple[Array, _Programs]:
-    """Return the numbers of aircraft and air, then the step (s), as one array, and the compiled functions for them."""
+    """Return the array `constants` of `_Programs` (numbers of aircraft and air, step in s), and the functions."""
     numbers, rest = eqx.partition((airframe, environment), lambda leaf: getattr(leaf, "dtype", None) == np.float64)
     constants, unravel_constants = ravel_pytree(numbers)
     state, unravel = ravel_pytree(motion)

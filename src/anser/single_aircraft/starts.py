@@ -90,7 +90,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
 
 
 def require_trim_of(airframe: AbstractAirframe, trim: TrimResult, argument: str) -> None:
-    """Raise ValueError, with the name of the argument, if mass or hash of the trimmed aircraft differs."""
+    """Raise ValueError if the aircraft of `trim` has another mass or hash; `argument` names `trim` in the message."""
     mass_kg = float(airframe.mass_properties.mass)
     if trim.mass_kg != mass_kg:
         raise ValueError(

@@ -107,8 +107,8 @@ def geodetic_from_flat(
 
     Notes
     -----
-    The map of theory section 1 is an arctangent up to an angle of 45 deg from the reference. Farther away the map
-    continues along the tangent of the arctangent, to cover the whole Earth.
+    In the map of theory section 1, an angle from the reference is the arctangent of a length, up to 45 deg. Farther
+    away the angle grows linearly, with the slope at 45 deg, so that the map covers the whole Earth.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = angle_on_flat_map(position_n[0], R_M + reference_height)
@@ -154,7 +154,7 @@ def flat_from_geodetic(
 
 
 def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
-    """Return the derivative of a length on the flat map with respect to the arc on the Earth, a number from 1 to 2.
+    """Return the derivative of a length on the flat map by the arc length on the Earth, a number from 1 to 2.
 
     Arguments: `angle_on_flat_map`.
     """

@@ -29,11 +29,11 @@ def performance_at(
 ) -> Performance:
     """Compute the acceleration with full thrust and the deceleration with idle thrust of a trimmed aircraft, m/s^2.
 
-    `condition` and `surfaces` (rad) are the trimmed condition and its deflections. The result has tables of the idle
-    deceleration over 0.55 to 1.25 times the trimmed airspeed: the value in level flight, and the part proportional to
-    the square of the load factor. Both are relative to the trimmed idle deceleration (at least `ACCELERATION_FLOOR`).
-    For the F-16, the error of the tables is within 5 % and 0.06 m/s^2 (load factors 0.5 to 1, 0.6 to 1.25 times the
-    airspeed).
+    `condition` and `surfaces` (rad) are the trimmed condition and its deflections. The result also has two tables of
+    the idle deceleration over airspeed, for 0.55 to 1.25 times the trimmed airspeed: the value in level flight, and the
+    part proportional to the square of the load factor. The tables have ratios to the trimmed idle deceleration (at
+    least `ACCELERATION_FLOOR`). For the F-16, the error of the tables is within 5 % and 0.06 m/s^2 at load factors of
+    0.5 to 1 and airspeeds of 0.6 to 1.25 times the trimmed airspeed.
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
@@ -58,7 +58,7 @@ def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, p
 def _idle_decelerations(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Float[Array, "2 entries"]:
-    """Compute (drag - idle thrust) / mass, m/s^2, by load factor (rows: 1, `_PUSH_OVER`) and `_SPEED_RATIOS`."""
+    """Compute (drag - idle thrust) / mass, m/s^2, at load factors 1 and `_PUSH_OVER` (rows) and `_SPEED_RATIOS`."""
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
     low, high = airframe.alpha_range
@@ -180,7 +180,7 @@ def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray
 
 
 def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
-    """Return first and last index of the run of true flags at `preferred`, if any, or of the longest; None: no run."""
+    """Return first and last index of the run of true flags at index `preferred`, else of the longest; None: no run."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     matching_runs = [run for run in runs if run[0] <= preferred <= run[1]]

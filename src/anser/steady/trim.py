@@ -42,7 +42,7 @@ class TrimTarget(eqx.Module):
     """The required steady flight condition, relative to the air.
 
     A pull-up is commanded by `path_rate` or by `pitch_rate`. If the flight has sideslip (for the F-16 due to the
-    engine's angular momentum), both pull-ups differ. With `path_rate`, the course is constant, and P and R are not 0.
+    engine's angular momentum), the pull-ups differ. With `path_rate`, the course is constant, and P and R are not 0.
     With `pitch_rate`, the heading is constant, and P and R are 0.
     """
 
@@ -132,7 +132,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the residuals of the trim equations for the unknowns x: accelerations, body axes, in g and rad/s^2."""
+    """Return the accelerations in body axes (g and rad/s^2) that the unknowns x leave; all are 0 for a solution."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -158,8 +158,9 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
     """Return the deflection of each surface per unit of each unknown of the trim; 0 for surfaces without command.
 
-    If there are more than three commanded surfaces, the unknowns are factors for roll, pitch and yaw. Each factor is
-    the largest deflection of a set that produces the moment and is the smallest relative to the ranges of the surfaces.
+    If there are more than three commanded surfaces, the unknowns are factors (rad) for roll, pitch and yaw. To each
+    factor belongs the set of deflections that produces the moment about the axis with the least use of the surfaces'
+    ranges; the factor is the largest deflection of the set.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -192,7 +193,7 @@ def solve_trim(
     environment
         Atmosphere, wind and Earth; over a flat Earth the wind changes only the ground velocity of the result.
     position_n
-        Position in the Earth's chart (3,), m; the altitude is taken from the target. None: the chart's origin.
+        Position (3,), NED in the Earth's chart (local map), m; the altitude is from the target. None: origin.
     """
     north, east = (jnp.zeros(()), jnp.zeros(())) if position_n is None else (position_n[0], position_n[1])
     position_n = jnp.stack([north, east, -target.altitude])
@@ -268,11 +269,11 @@ class TrimMapPoint(eqx.Module):
     trim: TrimPoint  # solution of the trim equations, even if it cannot be flown
     obstacles: Bool[Array, "7"]  # flags of the `TRIM_OBSTACLES`; all false if the point can be flown
     mach: Scalar  # Mach number
-    load_factor: Scalar  # aerodynamic and propulsive force along -z of the body, over weight
+    load_factor: Scalar  # aerodynamic and propulsive force along -z of the body, divided by the weight
     # distance of the power from 100 percent and from 0, as a fraction of full power; negative beyond the limit
     power_margin: Scalar
     power_above_idle: Scalar
-    # distance of each surface from its stop over the travel from mid-range to the stop; negative beyond the stop
+    # distance of each surface from its stop, divided by the travel from mid-range to stop; negative beyond the stop
     surface_margin: Vector
 
     @property
@@ -283,7 +284,7 @@ class TrimMapPoint(eqx.Module):
 
 
 def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:
-    """Trim an aircraft at the chart's origin; return the trim, its obstacles and the margins to the limits."""
+    """Trim an aircraft at north = east = 0; return the trim, obstacles to this flight, and margins to the limits."""
     point = solve_trim(airframe, environment, target)
     condition = air_data_and_forces(airframe, environment, 0.0, point.state)
     data = condition.air_data

@@ -219,9 +219,9 @@ def _solve_grids(
     position_n: Vector3,
     grids: dict[str, np.ndarray],
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target with each value of each grid in place of one quantity, and last the unchanged target.
+    """Solve the trim for every value of every grid, which replaces one quantity of the target, and for the target.
 
-    Return the trim points, in the order of the grids, and for each quantity the flags of the values with a trim.
+    Return the trim points in this order, and for each quantity one flag per grid value: True if a trim exists.
     """
     count = len(grids) * _CANDIDATES
     fields = {f.name: np.full(count + 1, float(getattr(target, f.name))) for f in dataclasses.fields(target)}
@@ -233,9 +233,9 @@ def _solve_grids(
 
 
 def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
-    """Return a finer grid from the usable value nearest to the target to the next grid value towards the target.
+    """Return a finer grid from the value with a trim nearest to the target to the next grid value towards the target.
 
-    If no value is usable, the grid is returned unchanged.
+    `usable` has the flags of the values with a trim; if none exists, the grid is returned unchanged.
     """
     if not usable.any():
         return grid

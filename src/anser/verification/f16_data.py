@@ -83,7 +83,7 @@ def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Floa
 def _measure_shots(
     file: str, compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
 ) -> Iterator[Comparison]:
-    """Compare the s119 F-16 with the check shots of the data file `file`; `compute` gets SI units and radians."""
+    """Compare outputs of the s119 F-16, from `compute` (inputs in SI units, rad), with the check shots of a file."""
     shots = load_published(file)["shots"]
     inputs = jnp.array(
         [[number * _INPUT_FACTORS.get(unit, 1.0) for number, unit in shot["inputs"].values()] for shot in shots]

@@ -80,10 +80,10 @@ def order() -> tuple[Comparison, ...]:
 
 
 def invariants() -> tuple[Comparison, ...]:
-    """Compare relative changes of energy and angular momentum in 30 s of flight without air forces with 0.
+    """Compare with 0 the relative changes of energy and angular momentum in 30 s of flight without air forces.
 
-    The angular momenta, in inertial axes, are the momentum of the orbit about the Earth's axis and the momentum of the
-    body's rotation. The length of the attitude quaternion is compared with 1.
+    The angular momenta are the orbital component along the Earth's axis, and the vector of the body's rotation in
+    inertial axes. The length of the attitude quaternion is compared with 1.
     """
     start = _start()
     end = _fly_for("undamped-brick", start, 0.01, 30.0)

@@ -128,9 +128,9 @@ def _judged_indices(published: dict[str, Any]) -> list[int]:
 
 
 def _column_names(published: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """Return the names of two groups of published columns: zero up to rounding, and within their tolerance of zero.
+    """Return the names of columns that are zero up to rounding, and of columns that are zero within the tolerance.
 
-    The second group is not judged, because computed zeros would agree.
+    The second group is not judged, because a computed zero would agree with each published value.
     """
     zero, within_scatter = [], []
     for name, column in _columns(published).items():
@@ -166,7 +166,7 @@ def _comparison(
 
 
 def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Compare the equivalent airspeed, kt, at the end of the flight, `time_s`, with the settled airspeed `expected`."""
+    """Compare the equivalent airspeed, kt, at the flight's end, `time_s`, with a simulation's settled airspeed."""
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
     point = f"settled, {simulation}"
     return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)

@@ -178,7 +178,8 @@ def _trim_all(
 ) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
     """Trim each case with wings level and no sideslip; return the states, the controls and the residuals.
 
-    A residual is the largest remaining acceleration along body x and z (10 m/s^2) or in pitch (rad/s^2).
+    A residual is the largest absolute value of the remaining accelerations: along body x and z in units of 10 m/s^2,
+    in pitch in rad/s^2.
     """
     trim = functools.partial(_trim_level, airframe)
     return jax.vmap(trim)(environments, positions_n, velocities_n)
@@ -368,7 +369,7 @@ def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | s
 
 
 def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
-    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and the case's change.
+    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and one step (`case.change`).
 
     `keas` is the commanded equivalent airspeed at the start, m/s.
     """
@@ -445,7 +446,10 @@ def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, comma
 def _solve_law_trims(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands
 ) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
-    """Return the feed-forward `_LAW_TRIMS` with which the law outputs the trim controls, and residuals (rad, 0..1)."""
+    """Return the inputs `_LAW_TRIMS` with which the law outputs the trim controls, and the greatest remaining error.
+
+    The error is of the elevator, rad, or of the throttle, 0..1.
+    """
 
     def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
         belief = _exact_belief(airframe, environment, start)

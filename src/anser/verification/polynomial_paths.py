@@ -50,7 +50,7 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 @jax.jit
 @jax.vmap
 def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the lengths, m, of `published_path`: six-point estimate, sum of speeds times step, trapezoidal rule."""
+    """Return the length of `published_path`, m, by three rules: six points, sum of speeds times step, trapezoids."""
     path = published_path(final_path_angle_deg, b_4, c_4)
     times = jnp.linspace(0.0, DURATION_S, _SAMPLES)
     speeds = jax.vmap(lambda time: safe_norm(path.at(time).velocity_n))(times)
@@ -88,7 +88,7 @@ def shape_families() -> dict[str, xr.Dataset]:
 
     - Variables over `path` and `time`: the path, and the commands of an aircraft at the published speeds.
     - Variables over `path`: shape parameter, length, estimate by the six-point rule, and printed length.
-    - Variables over `member`: both computed lengths of many more members of the family.
+    - Variables over `member`: shape parameters, length and estimate of many more paths of the family.
 
     Paths and members are sorted by the parameter.
     """

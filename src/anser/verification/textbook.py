@@ -65,8 +65,8 @@ class TextbookAtmosphere(AbstractAtmosphere):
 class TextbookF16(AbstractAirframe):
     """F-16 with the constants of the textbook's program: 57.3 deg/rad in CZ, and rounded ratios of inertia.
 
-    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. If `rounded_inertia` is true, the moment is adapted: the exact inertia
-    then gives the angular acceleration of the textbook's rounded ratios c1 to c9.
+    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. If `rounded_inertia` is True, the moment is changed such that the
+    exact inertia gives the angular acceleration of the textbook's rounded ratios c1 to c9.
     """
 
     f16: F16
@@ -219,7 +219,7 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the acceleration by the aircraft's own inertia, rad/s^2, and a bound of the effect of rounded ratios."""
+    """Return the angular acceleration by the aircraft's own inertia, and a bound on the effect of rounded ratios."""
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
     moment_b = air_data_and_forces(airframe, environment, 0.0, state).wrench.moment_b

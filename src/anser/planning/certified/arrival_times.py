@@ -1,8 +1,9 @@
 """Arrival times that an aircraft can meet: necessary conditions, reachable intervals, search for the earliest time.
 
-An arrival time is admissible if it meets the necessary conditions (distance, climb, keep-outs, separation of the
-rendezvous). An arrival time is reachable if the aircraft, alone in its airspace, has a path for it. Durations are times
-from the start of the plan to the arrival.
+An arrival time is admissible if it meets the necessary conditions: distance and climb are possible in the time, the
+rendezvous is outside the keep-outs, and each pair of aircraft can be separated at the first arrival of the pair. An
+arrival time is reachable if the aircraft, alone in its airspace, has a path for it. Durations are times from the start
+of the plan to the arrival.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -42,8 +43,8 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
     """Search a list of `count` rising times for the first feasible time; a generator that asks its caller.
 
     The generator yields the index of a time, receives whether this time is feasible, and returns the index of the first
-    feasible time; None if no tried time is feasible. The search goes index by index up to `one_by_one`, then in doubled
-    steps, and back by bisection.
+    feasible time; None if no tried time is feasible. The search goes index by index up to the index `one_by_one`, then
+    in doubled steps up to a feasible time, and back by bisection.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -67,8 +68,8 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     """Search for a feasible arrival time before the feasible `latest_time` (s); a generator that asks its caller.
 
     The generator yields a time (s), receives whether this time is feasible, and returns the earliest feasible time
-    found, s. `admissible` are the rising times (s) to choose from. The search goes upward in steps of 12 percent, then
-    by bisection down to a ratio of `RESOLUTION`.
+    found, s. `admissible` are the rising times (s) to choose from. The search goes upward in steps of 12 percent to a
+    feasible time, then by bisection, until the ratio of the feasible to the infeasible time is at most `RESOLUTION`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
@@ -103,8 +104,8 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
     """Return the greatest wind speed and the greatest vertical wind speed, m/s, at the altitudes of the flight.
 
-    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or initial rendezvous. If goals
-    climb or descend, the range extends to the highest or the lowest altitude of the wind's layers.
+    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or initial rendezvous. If a goal
+    climbs, the range extends up to the highest layer of the wind; if a goal descends, down to the lowest layer.
     """
     altitudes = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
     low, high = np.min(altitudes) - _ALTITUDE_MARGIN_M, np.max(altitudes) + _ALTITUDE_MARGIN_M
@@ -240,8 +241,9 @@ def direct_times(
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The second result tells for each aircraft whether the iteration converged: a direct path exists, and the last round
-    changed the time by less than a millionth. `intervals` is the number of intervals of the tabulated profile.
+    The time is found by iteration. The second result is the mask of the aircraft for which a direct path exists and the
+    last step of the iteration is less than a millionth of the time. `intervals` is the number of intervals of the
+    tabulated profile.
     """
 
     # A fixed-point iteration, because the goal moves and the air drifts during the flight; from the ninth round on, the
@@ -349,8 +351,9 @@ def _open_times(
     """Return the mask of the reachable times of `grid`, (aircraft, time), s; `fleet` has the indices of the aircraft.
 
     Every time is tested with the cheap candidates, `ALONE_STANDARD`. Turn-and-leg paths, then splines, are tried for
-    times near a reachable or an inadmissible time, and for all times of an aircraft without a reachable time.
-    `splines_for` selects aircraft: "unreached" are the aircraft without a reachable time so far.
+    the remaining times within three grid steps of a reachable or an inadmissible time, and for all times of an aircraft
+    without a reachable time. `splines_for` selects the aircraft for which splines are tried; "unreached" are the
+    aircraft without a reachable time after the other candidates.
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
@@ -386,12 +389,12 @@ def arrival_sets(
     """Return each aircraft's intervals (first, last) of reachable arrival times, s after the start.
 
     Arrival times are tested on a grid: `count` times in geometric steps up to `latest_s`, or 12 uniform times in each
-    aircraft's window (`windows_s`: earliest and latest time, s). Gaps and islands narrower than the grid can be missed.
-    Every edge of an interval is refined by `rounds` bisections. If `latest_s` is reachable, the last interval ends at
-    infinity; an inactive aircraft has no intervals.
+    aircraft's window (`windows_s`: earliest and latest time, s). The test can miss intervals, and gaps between
+    intervals, that are narrower than a grid step. Every edge of an interval is refined by `rounds` bisections. Without
+    windows, the last interval ends at infinity if `latest_s` is reachable. An inactive aircraft has no intervals.
 
-    If `with_splines` is True, splines are tried where the other generators of paths fail. In windows, splines are
-    always tried for an aircraft without any reachable time.
+    If `with_splines` is True, splines are tried where the other generators of paths fail. If False, splines are tried
+    only in windows, for an aircraft without any reachable time.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -437,9 +440,9 @@ def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Inte
 
 
 def sample_interval(low: float, high: float) -> list[float]:
-    """Return 11 times, s, in an interval of arrival times from `low` to `high` (s), the denser the nearer to `low`.
+    """Return 11 times, s, from `low` to `high` (s) or to 2.5 `low` + 10 s, whichever is earlier; densest near `low`.
 
-    Times later than 2.5 `low` + 10 s are left out; an interval of length 0 gives `low` alone.
+    An interval of length 0 gives `low` alone.
     """
     if not high > low:
         return [low]

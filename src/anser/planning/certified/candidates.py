@@ -66,8 +66,8 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
     """Convert a profile and a route to a timed path that starts at a time (s).
 
-    Profile and route must have the same length through the air to a part in a million; the airspeed is scaled by the
-    difference. Knots are at equal intervals and at every kink of curvature, climb or speed.
+    Profile and route must have the same length through the air to a part in a million; the airspeed is multiplied by
+    route length / profile length. Knots are at equal intervals and at every kink of curvature, climb or speed.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
@@ -121,7 +121,7 @@ class Candidates(eqx.Module):
     """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
 
     generator: Int[Array, "*aircraft candidates"]  # `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
-    valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits
+    valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists and keeps its aircraft's limits
     cost: Float[Array, "*aircraft candidates"]  # no unit; a smaller cost is preferred
     # sum of the absolute turn angles, rad, and mean airspeed, m/s
     total_turn: Float[Array, "*aircraft candidates"]
@@ -194,8 +194,9 @@ def routed_candidates(
 ) -> tuple[_Routed, TabulatedProfile]:
     """Generate the detours and turn-and-leg paths with which one aircraft arrives after a duration (s).
 
-    Returns the candidates and their profiles, both stacked; at most `candidate_set.max_candidates`, the cheapest.
-    `routes.profile` of a candidate is the index of its profile in `candidate_set`, even if `numbers` selects some.
+    Returns the candidates, stacked, and the generated profiles, stacked. If there are more candidates than
+    `candidate_set.max_candidates`, only the cheapest are returned. The field `routes.profile` of a candidate is the
+    index of its profile in `candidate_set`, even if `numbers` is given.
     """
     duration = jnp.asarray(duration, dtype=float)
     if speeds is None:
@@ -244,9 +245,10 @@ def _candidates_within_limits(
     costs: Float[Array, " profiles"],
     numbers: Int[Array, " profiles"],
 ) -> _Routed:
-    """Generate the candidates of the profiles that are within limits, one after another; (profile, candidate).
+    """Generate the candidates of the profiles that are within limits, one profile at a time; (profile, candidate).
 
-    The candidates of the remaining profiles are invalid, with the cost `ABSENT`.
+    `of_profile` generates the candidates of one profile from the profile, its cost, and its index in the set. The
+    candidates of a profile outside the limits are invalid, with the cost `ABSENT`.
     """
     # Often only a fifth of the profiles is within limits.
     of_profile = jax.jit(of_profile)  # traced once, for its shapes and for the loop
@@ -274,11 +276,11 @@ def _detours(
     kind: Integer,
     side: Integer,
 ) -> _Routed:
-    """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path, as long as the profile.
+    """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path; same length as the profile.
 
-    `word` is the index of the direct path in `timed.direct`. Returns the detour with the tightest turns and, if
-    `candidate_set.with_wide_turns`, with wide turns; stacked. `cost_and_profile` are cost and index of the profile. If
-    the task prescribes the opposite side, the detours are invalid.
+    `word` is the index of the direct path in `timed.direct`; `kind`: see `detour`. Returns the detour with the tightest
+    turns and, if `candidate_set.with_wide_turns`, also with wide turns; stacked. `cost_and_profile` are cost and index
+    of the profile. If the task prescribes the opposite side, the detours are invalid.
     """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
@@ -323,9 +325,8 @@ def aircraft_candidates(
     intervals: int,
     times: Float[Array, " instants"],
     candidate_set: CandidateSet,
-    # airspeeds of the profiles, and indices in the set of the profiles to generate; None: computed here, and all
-    speeds: ProfileSpeeds | None = None,
-    numbers: Int[Array, " profiles"] | None = None,
+    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles; None: computed here
+    numbers: Int[Array, " profiles"] | None = None,  # indices in the set of the profiles to generate; None: all
 ) -> Candidates:
     """Generate candidates of one aircraft that arrives after a duration (s), with their tracks at `times` (s)."""
     parts: list[tuple[Any, ...]] = []
@@ -360,7 +361,7 @@ def _tracked(
 ) -> tuple[Any, ...]:
     """Return generator, validity, cost, total turn, speed and tracks (at `times`, s) of detours and turn-and-leg paths.
 
-    A valid candidate keeps its limits at the sample times, too.
+    A candidate that violates its limits at one of the times is returned as invalid.
     """
     samples = map_rows(lambda profile: sample_profile(profile, times), profiles)
 

@@ -314,10 +314,10 @@ def _choose_and_certify(
     intervals: int,
     rounds: Integer,  # greatest number of rounds of choosing and certifying, see `_choose_best_placement`
     fixed_paths: FixedPaths | None,
-    members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
-    extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
-    # time after its arrival, s, in which each aircraft counts as flying straight on and is separated if possible; None
-    # or 0: separation up to the arrivals only
+    members: Bool[Array, " candidates"] | None = None,  # mask of the `candidates` to choose from; None: all
+    extra: tuple[Candidates, ...] = (),  # candidates to append to `candidates`, the splines last
+    # duration, s, for which each aircraft is assumed to fly straight on after its arrival; if possible, the choice also
+    # separates the aircraft in this time. None or 0: separation up to the arrivals only
     look_ahead: ScalarLike | None = None,
 ) -> CertifiedPlan:
     """Choose one candidate per aircraft, keep fixed paths as they are, and certify the plan."""
@@ -381,8 +381,8 @@ def standard_candidates(
 ) -> Candidates:
     """Generate the candidates of the set `STANDARD`, by one compiled program for `STANDARD` and smaller sets.
 
-    For a smaller `candidate_set`, such as `MINIMAL`, the candidates after the last profile (altitude and airspeed) of
-    this set are absent.
+    The candidates of a profile (altitude and airspeed) of `STANDARD` are absent if `candidate_set`, such as `MINIMAL`,
+    contains neither this nor a later profile.
     """
     speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(STANDARD, candidate_set))
     arguments = as_array(start_time), tasks, airspace, durations
@@ -439,7 +439,7 @@ def plan_at(
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the compiled programs of `plan_at` without extra candidates, in order; the last one returns the plan."""
+    """Yield the compiled programs that `plan_at` calls if no extra candidates are needed; the last returns the plan."""
     times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     arguments = times[0], tasks, airspace, times[1]
     speeds = _find_speeds.prepare(*arguments[1:], intervals, *_speed_flags(STANDARD, MINIMAL))
@@ -466,17 +466,17 @@ def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals:
 
 
 def _speed_flags(candidate_set: CandidateSet, members: CandidateSet) -> tuple[Array, Array]:
-    """Return the flags whether `candidate_set` allows wide turns, and whether `members` have the airspeed `MATCHED`."""
+    """Return the flags for `fleet_speeds`, if only the part `members` of a candidate set is used."""
     return as_array(candidate_set.with_wide_turns, bool), as_array(members.with_matched, bool)
 
 
 def _profile_count(candidate_set: CandidateSet) -> Array:
-    """Return the number of profiles of `STANDARD`, from the first on, that include every profile of a smaller set."""
+    """Return the least n for which the first n profiles of `STANDARD` include every profile of a smaller set."""
     return as_array(STANDARD.leading_profiles(candidate_set), np.int64)
 
 
 def _absent_extra(candidates: Candidates, extra_set: CandidateSet | None) -> dict[CandidateSet, Candidates]:
-    """Return absent candidates of each of `EXTRA_SETS`; none for a large fleet that requests no extra set."""
+    """Return absent candidates for each of `EXTRA_SETS`; empty for a large fleet if `extra_set` is None."""
     needed = extra_set is not None or candidates.cost.shape[0] <= SMALL_FLEET
     return {kind: _shared_arrays(absent_candidates, _Shapes.of(candidates), kind) for kind in EXTRA_SETS if needed}
 
@@ -522,7 +522,7 @@ def _members(candidate_set: CandidateSet) -> Array:
 
 
 def _absent_fixed_paths(candidates: Candidates) -> FixedPaths:
-    """Return fixed paths of no aircraft, with as many knots as the paths of the candidates; NumPy arrays."""
+    """Return `FixedPaths` that select no aircraft, with as many knots as the paths of the candidates; NumPy arrays."""
     fleet, knots, dtype = candidates.cost.shape[0], knot_count(candidates), candidates.cost.dtype
     states: Any = np.zeros((fleet, knots, 3, 3), dtype)
     times: Any = np.broadcast_to(np.arange(knots, dtype=dtype), (fleet, knots))
@@ -539,7 +539,7 @@ def _with_fixed_paths(
     durations: Float[Array, " aircraft"],
     intervals: int,
 ) -> Candidates:
-    """Replace all candidates of each aircraft with a fixed path by this path: valid, at no cost, with proven tracks."""
+    """If an aircraft has a fixed path, replace all its candidates by this path: valid, no cost, proven tracks."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
     tracks = jax.lax.map(lambda path: bounded_track(path, airspace, 1.0, times), fixed_paths.paths)
     count = candidates.valid.shape[1]
@@ -567,9 +567,9 @@ def _choose_best_placement(
 ) -> CertifiedPlan:
     """Choose candidates for the fleet and certify them, repeatedly; return the plan with the fewest failing aircraft.
 
-    A chosen candidate that lacks proven limits and keep-outs is excluded from later rounds, as are all candidates of
-    its aircraft in the mask `withdrawn`. The rounds end when no aircraft fails, no candidate is excluded, or after
-    `rounds`; `valid` is the mask for the first round.
+    If the chosen candidate of an aircraft lacks proven limits and keep-outs, later rounds exclude this candidate and
+    the aircraft's candidates in the mask `withdrawn`. The search ends with a round in which no aircraft fails or no
+    candidate is excluded, at the latest after `rounds` rounds. `valid` is the mask for the first round.
     """
     fleet = jnp.arange(valid.shape[0])
 

@@ -35,7 +35,7 @@ class Track(eqx.Module):
     positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
     # greatest distance of the path from its chord, m: proven from `path_track`, an estimate from `route_track`
     error_bound: Float[Array, "*batch intervals"]
-    included: Float[Array, "*batch intervals"]  # 1 in the intervals whose distances count, up to the arrival; 0 after
+    included: Float[Array, "*batch intervals"]  # 1 in the intervals whose distances count (up to the arrival), else 0
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
@@ -88,8 +88,8 @@ _CONTINUATION_INTERVALS = 4  # intervals that `continue_straight` appends; a mul
 
 def continue_straight(
     tracks: Track,  # tracks from time 0 to the last of the arrivals, (aircraft, candidate, ...)
-    arrivals: Float[Array, " aircraft"],  # times of arrival, s, to which the tracks are included
-    seconds: ScalarLike,  # duration for which each track is included after its arrival, s
+    arrivals: Float[Array, " aircraft"],  # times of arrival, s, up to which the tracks are included
+    seconds: ScalarLike,  # duration after the arrival, s, for which each continued track is included
     continuing: Bool[Array, " aircraft"],  # mask of the aircraft whose tracks are continued
 ) -> Track:
     """Continue tracks beyond the arrivals in a straight line, as an estimate of the motion until the hold."""
@@ -133,7 +133,7 @@ class BoundingCylinders(eqx.Module):
     radius: Float[Array, "*batch cylinders"]  # m
     low: Float[Array, "*batch cylinders"]  # least down coordinate, m
     high: Float[Array, "*batch cylinders"]  # greatest down coordinate, m
-    included: Float[Array, "*batch cylinders"]  # 1 if a distance of the group counts, else 0
+    included: Float[Array, "*batch cylinders"]  # 1 if an interval of the group is included (see `Track`), else 0
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
@@ -163,7 +163,7 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
     """Return the cylinders of `tracks`, one per `size` intervals, for `fleet_clearance_ratio`.
 
-    For a `fleet` of at most `CHORD_BOUNDED_PAIRS` aircraft the result is empty: chords bound every pair.
+    For a `fleet` of at most `CHORD_BOUNDED_PAIRS` aircraft the result is empty, because chords bound every pair.
     """
     if fleet > CHORD_BOUNDED_PAIRS:
         return bounding_cylinders(tracks, size)
@@ -174,7 +174,7 @@ def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDE
 def cylinder_clearance_ratio(
     subject: BoundingCylinders, neighbour: BoundingCylinders, separation: Separation
 ) -> Float[Array, "*batch"]:
-    """Return a lower bound of the clearance ratio of two paths from their cylinders: at least 0.
+    """Return a lower bound, at least 0, of the clearance ratio of two paths, from their bounding cylinders.
 
     The bound is infinite if no separation is required.
     """
@@ -199,9 +199,9 @@ def fleet_clearance_ratio(
 ) -> Float[Array, " aircraft"]:
     """Return lower bounds of the clearance ratio between one path and each path of a fleet.
 
-    The bound is that of `pair_clearance_ratio` for at least the `CHORD_BOUNDED_PAIRS` aircraft with the nearest
-    cylinders, and for every aircraft whose cylinders are nearer than the separation. For other aircraft, the bound
-    follows from the cylinders.
+    The close bound of `pair_clearance_ratio` is computed for the aircraft with the nearest cylinders, at least
+    `CHORD_BOUNDED_PAIRS`, and for every aircraft with cylinders nearer than the separation. The bounds of the remaining
+    aircraft follow from the cylinders alone.
     """
     count = neighbours.shape[0]
 
@@ -342,7 +342,7 @@ def route_track(
 
     The candidate is a route (`endpoints`, `turns_and_legs`) with a profile (`table`, sampled in `samples`). The limits
     are bank angle, load factor and acceleration along the path, up to the end of the path. `speed` is the mean
-    airspeed, m/s. If `active` is 0, the track is not included.
+    airspeed, m/s. If `active` is 0, no interval of the track is included.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)

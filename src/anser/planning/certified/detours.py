@@ -143,7 +143,7 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 def _make_direct(
     initial: RollOut, aim: _Aim, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """Build the direct path from its turn angles (rad), turn scales and lengths (`aim`, m).
+    """Build the direct path from turn angles (rad), turn radii (`scales`), and lengths and miss distance (`aim`).
 
     The path exists if `may_exist` is set, the straight part is not negative and the end is reached. If the path does
     not exist, the length is `_LENGTH_MAX`.
@@ -160,7 +160,7 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
-        """Evaluate the path with the straight part of `base` turned by `x` (rad); return the next angle too."""
+        """Do one secant step for the angle (rad) from the straight part of `base` to the new straight part."""
         previous, x, former_aim = carry
         aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
         gap = aim.miss - former_aim.miss
@@ -176,10 +176,11 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 class Detour(eqx.Module):
     """Shape of a detour of three legs, in place of the straight part of a direct path.
 
-    leg length = first_parts * x + second_parts * y + fixed_parts * (length of the straight part), with unknowns x, y.
+    leg length = first_parts * x + second_parts * y + fixed_parts * (length of the straight part). The lengths x and y
+    are chosen such that the detour leads to the end of the path.
     """
 
-    # headings of the legs relative to the straight part, over the angle of the detour, right positive
+    # headings of the legs relative to the straight part, as multiples of the angle of the detour; right positive
     headings: Float[Array, "3"]
     first_parts: Float[Array, "3"]
     second_parts: Float[Array, "3"]
@@ -319,10 +320,10 @@ _CORNER_MAX = 2.4  # rad: the corner of a greater turn is far away or does not e
 def _widest_scales(
     endpoints: PathEndpoints, angles: Float[Array, " turns"], lengths: Float[Array, " turns"]
 ) -> Float[Array, " turns"]:
-    """Return the widest turns by `angles` (rad) for which the legs have room, as radius over tightest radius.
+    """Return the greatest radii of turns by `angles` (rad) for which the legs have room, over the tightest radius.
 
-    `lengths` (m) is how much longer the tangents of a turn, from its corner to its start and end, may be than those of
-    the tightest turn. The result is between 1 and `endpoints.scale_max`.
+    The tangents of a turn lead from its start to its corner and on to its end. Each tangent may be longer than in the
+    tightest turn by `lengths` (m). The results are between 1 and `endpoints.scale_max`.
     """
     size = jnp.abs(angles)
     corner = jnp.tan(0.5 * jnp.minimum(size, _CORNER_MAX)) / endpoints.curvature_max

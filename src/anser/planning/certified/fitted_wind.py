@@ -1,8 +1,9 @@
 """Layers of wind fitted to a wind field for planning, with rigorous bounds of the difference between field and layers.
 
-A wind field is linear in time, in both horizontal coordinates and between its levels, and so is the altitude of a
-level. Where the layers are linear in altitude, too, the length of the difference is a convex function of each
-coordinate: the greatest value is at a vertex. The deviation of the layers from a straight line is bounded separately.
+In each cell of a wind field, the wind is linear in time, in both horizontal coordinates and between two levels. The
+altitude of a level is linear in time and in both horizontal coordinates. If the layers' wind is linear in altitude
+within the cell, the magnitude of the difference is convex in each coordinate, with the maximum at a vertex. Deviations
+of the layers' wind from a linear function are bounded separately.
 """
 
 from itertools import pairwise, product
@@ -36,8 +37,8 @@ class FittedWind(AbstractWind):
 
     layers: LayeredWind  #: Wind with which the planner computes.
     residuals: Float[Array, "north east altitude"]  #: Bound of |wind of the field - wind of the layers| per block, m/s.
-    north_edges: Float[Array, " north_edges"]  #: Edges of the blocks, m north of the chart's origin, rising.
-    east_edges: Float[Array, " east_edges"]  #: Edges of the blocks, m east of the chart's origin, rising.
+    north_edges: Float[Array, " north_edges"]  #: Edges of the blocks, m north of the local map's origin, rising.
+    east_edges: Float[Array, " east_edges"]  #: Edges of the blocks, m east of the local map's origin, rising.
     altitude_edges: Float[Array, " altitude_edges"]  #: Edges of the blocks, geometric altitude, m, rising.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
@@ -72,11 +73,11 @@ class FieldSamples(NamedTuple):
     """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels."""
 
     times: Float[np.ndarray, " time"]  #: Times, s after the start of the flight, at least one.
-    north: Float[np.ndarray, " north"]  #: Northward coordinates: m on the chart, or rad from its origin.
+    north: Float[np.ndarray, " north"]  #: Northward coordinates on the local map, m, or angles from its origin, rad.
     east: Float[np.ndarray, " east"]  #: Eastward coordinates, in the unit of `north`.
     #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first.
     columns: Float[np.ndarray, "time north east level 4"]
-    #: Radii (m) with which the chart maps latitude and longitude; None for axes in m.
+    #: Radii (north, east; m) that convert angles to lengths on the map, radius * tan(angle); None for axes in m.
     radii_m: Float[np.ndarray, "2"] | None
     is_geopotential: bool  #: Whether the altitudes are geopotential.
     is_held: bool  #: Whether the values at the boundary of the field hold beyond the boundary, too.
@@ -99,8 +100,9 @@ def wind_layers(wind: AbstractWind) -> AbstractWind:
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
     """Fit layers of wind to a wind field, and bound the difference of field and layers in blocks of the airspace.
 
-    The layers are the mean of the field over the flight's time and the horizontal extent of the box `way`, at the mean
-    altitudes of up to eight levels. The bounds hold wherever the flight can go within the field, to rounding.
+    The layers lie at the mean altitudes of up to eight levels of the field. Their wind is the mean of the field over
+    the time of the flight and the horizontal extent of `way`. The bounds hold wherever the flight can go within the
+    field, to rounding.
     """
     times = np.unique(np.clip([0.0, *field.times, way.end_s], 0.0, way.end_s))
     edges_m, nodes, box = [], [], []
@@ -134,12 +136,12 @@ def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
 
 
 def _to_coordinate(field: FieldSamples, axis: int, length_m: np.ndarray) -> np.ndarray:
-    """Convert lengths on the chart (m) to coordinates of a horizontal axis of the field (rad, or m for axes in m)."""
+    """Convert lengths on the map (m) to coordinates of a horizontal axis of the field (rad, or m for axes in m)."""
     return length_m if field.radii_m is None else np.arctan(length_m / field.radii_m[axis])
 
 
 def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.ndarray:
-    """Convert coordinates of a horizontal axis of the field to lengths on the chart, m; angles are cut at 45 deg."""
+    """Convert coordinates of a horizontal axis of the field to lengths on the map, m; angles are limited to 45 deg."""
     if field.radii_m is None:
         return coordinates
     return field.radii_m[axis] * np.tan(np.clip(coordinates, -0.25 * np.pi, 0.25 * np.pi))
@@ -179,8 +181,9 @@ def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east:
 def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np.ndarray, np.ndarray]:
     """Return altitudes (geometric, m) and velocities (NED, m/s) of `_LAYERS` layers: the mean profile of `columns`.
 
-    The layers lie at levels of the field: the levels that enclose the altitudes of `way`, then one by one the level
-    with the greatest error of linear interpolation. The last layer is repeated.
+    The layers lie at levels of the field. The lowest and the highest enclose the altitudes of `way`; between them, the
+    level with the greatest error of linear interpolation is added, one by one. If fewer than `_LAYERS` levels are
+    needed, layers with the wind of the highest layer follow above.
     """
     columns = columns.reshape(-1, *columns.shape[-2:])
     heights = _geometric(field, columns[..., 3])
@@ -208,8 +211,8 @@ def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np
 def _divide_levels(columns: np.ndarray) -> np.ndarray:
     """Insert levels between those of the field by linear interpolation, so that the bounds of the cells are tight.
 
-    Every interval has the same number of parts, at most `_PARTS_MAX`; the parts of an interval of median thickness are
-    at most `_PART_M` (m) thick.
+    Every interval between levels gets the same number of parts, at most `_PARTS_MAX`. The number is chosen such that
+    the parts of an interval of median thickness are at most `_PART_M` (m) thick.
     """
     parts = int(np.clip(np.ceil(np.median(np.diff(columns[..., 3], axis=-1)) / _PART_M), 1, _PARTS_MAX))
     steps = np.arange(parts)[:, None] / parts

@@ -40,23 +40,24 @@ class PathBounds(eqx.Module):
     # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
-    # V_dot + g sin(gamma): upper bound, which may be negative; upper bound of its negative, at least 0
+    # upper bounds of V_dot + g sin(gamma), which may be negative, and of -(V_dot + g sin(gamma)), at least 0
     acceleration_max: Scalar
     deceleration_max: Scalar
-    wind_error_max: Scalar  # greatest |slope of the path's drift - wind at the aircraft|
+    wind_error_max: Scalar  # greatest |rate of the path's drift - wind at the aircraft|
     # acceleration over the ground in each cell, m/s^2; for distances between paths
     cell_acceleration: Float[Array, " cells"]
-    # per cell: `acceleration_max` and `deceleration_max` (-inf and 0 in an empty cell); least and greatest airspeed;
-    # least and greatest load factor
+    # per cell: (`acceleration_max`, `deceleration_max`), with (-inf, 0) in an empty cell; (least, greatest) airspeed;
+    # (least, greatest) load factor
     cell_along: Float[Array, "cells 2"]
     cell_speeds: Float[Array, "cells 2"]
     cell_load_factors: Float[Array, "cells 2"]
 
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
-        """Return the path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start.
+        """Return the limits of acceleration and deceleration, m/s^2, that the path needs.
 
-        The path keeps the limits along the path (`limits.idle`) everywhere if and only if the results are at most
-        `limits.acceleration_max` and `limits.deceleration_max`.
+        `limits.acceleration_max` and `limits.deceleration_max` apply to level flight at the start; `limits.idle`
+        converts these limits to other airspeeds and load factors. The path keeps the converted limits everywhere if and
+        only if the results are at most `limits.acceleration_max` and `limits.deceleration_max`.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:
@@ -104,10 +105,10 @@ def _square(a: Float[Array, "cells axes n"]) -> Cells:
 def _wind_error(
     wind: AbstractWind, ground: Float[Array, "cells 3 6"], slope: Float[Array, "cells 3 5"], drifting: Array
 ) -> Float[Array, " cells"]:
-    """Return an upper bound, in each cell, of |slope of the drift - wind|, m/s; 0 in cells outside the mask `drifting`.
+    """Return an upper bound, in each cell, of |rate of the drift - wind|, m/s; 0 in cells outside the mask `drifting`.
 
-    `ground` has the Bernstein coefficients of the position over the ground, `slope` the coefficients of the drift's
-    slope. Raises TypeError for a wind that is not steady, layered or fitted.
+    `ground` has the Bernstein coefficients of the position over the ground, `slope` the coefficients of the rate of the
+    drift. Raises TypeError for a wind that is not steady, layered or fitted.
     """
     if isinstance(wind, FittedWind):
         residual = wind.residual_max(jnp.min(ground, axis=2), jnp.max(ground, axis=2))
@@ -154,9 +155,9 @@ def _bank_and_load(
 ) -> tuple[Float[Array, " cells"], Float[Array, " cells"], Float[Array, " cells"]]:
     """Return bounds per cell in coordinated flight: greatest bank angle (rad), greatest and least load factor.
 
-    With the horizontal airspeed L and the airspeed V: side force A / L and lift D / (V L), per mass. A = v x a and
-    D = L^2 up - climb (v . a), with horizontal v and a, and up = gravity plus upward acceleration. The bound of the
-    bank angle is pi/2 if the lift may be negative.
+    Per mass, the side force is A / L and the lift D / (V L), with the airspeed V, the horizontal airspeed L, A = v x a
+    and D = L^2 (g + h_ddot) - h_dot (v . a). Here, v and a are the horizontal velocity and acceleration, and h_dot is
+    the climb rate. If the lift may be negative, the bound of the bank angle is pi/2.
 
     The arguments are Bernstein coefficients of the velocity through the air, of the acceleration over the ground, and
     of V^2 and L^2; `error` is the error bound of the velocity, m/s.
@@ -268,7 +269,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Return an upper bound, per cell, of `upper` divided by the root of `square`, which is between `slow` and `fast`.
+    """Return an upper bound, per cell, of `upper` / sqrt(`square`), with the root between `slow` and `fast`.
 
     `upper` and `square` are Bernstein coefficients. For any m, sqrt(s) >= 2 m s / (m^2 + s), a close bound if m is
     close to sqrt(s).

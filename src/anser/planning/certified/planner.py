@@ -65,9 +65,9 @@ def _assign_holds(
     cells: int,
     former: PlannedHolds | None,
 ) -> PlannedHolds:
-    """Assign a hold from arrival to `end_time` (s) to each aircraft, in `cells` cells.
+    """Assign a hold to each aircraft: a path from the arrival to `end_time` (s), with `cells` cells.
 
-    Aircraft that have arrived at `time` (s) keep their `former` hold, moved with its goal; None: before the flight.
+    Aircraft that have arrived by `time` (s) keep their hold in `former`, moved with the goal; None: no hold is kept.
     """
     moved = None if former is None else move_with_goals(former, tasks, time)
     return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved, one_kernel=True)
@@ -78,7 +78,7 @@ class CertifiedPlanState(eqx.Module):
 
     plan: CertifiedPlan  # plan in force
     replanning: Integer  # origin of the plan: `FIRST_PLAN`, ... of `anser.planning.certified.replanning`
-    holds: PlannedHolds | None  # None: each aircraft's hold is the hold of its mission
+    holds: PlannedHolds | None  # None: each aircraft flies the hold that its mission prescribes
     limits: PathLimits  # include the accelerations that the engine allows
     # whether the plan or its holds must be replaced between two steps
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
@@ -120,9 +120,9 @@ class CertifiedPlanner(AbstractPlanner):
     def resolve_limits(self, performance: Performance) -> PathLimits:
         """Return the flight limits with an acceleration and a deceleration limit for every aircraft.
 
-        Limits that the scenario leaves open (infinite) follow from the engine, at least `ACCELERATION_FLOOR`:
-        acceleration with full thrust at the start, deceleration with idle thrust by airspeed and load factor. Both
-        limits, prescribed or not, are multiplied by 1 - `acceleration_reserve`.
+        A limit that the scenario leaves open (infinite) follows from the engine and is at least `ACCELERATION_FLOOR`.
+        The acceleration is for full thrust at the start; the deceleration is for idle thrust, and depends on airspeed
+        and load factor. Both limits, prescribed or not, are multiplied by 1 - `acceleration_reserve`.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:
@@ -142,9 +142,10 @@ class CertifiedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda resolve: resolve.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def correction_limits(self, limits: PathLimits) -> PathLimits:
-        """Return the limits of a path corrected in flight: the `limits` of a new path plus the `acceleration_reserve`.
+        """Return the limits of a path corrected in flight, which may use the `acceleration_reserve`.
 
-        A negative acceleration limit, of an aircraft that decelerates even at full thrust, is raised as well.
+        `limits` are the limits of a new path. A negative acceleration limit, of an aircraft that decelerates even at
+        full thrust, is raised as well.
         """
 
         def with_reserve(limit: Array) -> Array:
@@ -222,8 +223,8 @@ class CertifiedPlanner(AbstractPlanner):
     def prepare_programs(
         self,
         tasks: AircraftTask,  # the fleet's tasks, or their shapes
-        # rough flight time of the last aircraft, s. If 0.95 or 1.2 of this time need another number of intervals, no
-        # program is compiled
+        # rough flight time of the last aircraft, s; programs are compiled only if 0.95 and 1.2 times this time need the
+        # same number of intervals
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
@@ -321,8 +322,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[CertifiedPlan, PlannedHolds] | None:
         """Search for a plan with other paths and with holds that keep all limits; None if the search fails.
 
-        The planned arrival times are tried first, then later ones if the arrival rule allows a delay; splines last. The
-        acceleration along the paths is limited to `_ACCELERATION_M_S2`.
+        The planned arrival times are tried first, then later ones if the arrival rule allows a delay, and last the
+        planned times with splines. The acceleration along the paths is limited to `_ACCELERATION_M_S2`.
         """
         latest_to_go = float(self.latest_arrival) - time
         all_aircraft = as_array(np.ones(times_to_go.shape), bool)
@@ -352,7 +353,7 @@ class CertifiedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
-        """Return the plan in force for the closed loop: path, arrival time (s) and hold of each aircraft; status 0."""
+        """Return the plan in force for the closed loop: each aircraft's path, arrival time (s), hold and status 0."""
         plan = planner_state.plan
         # Success: a fleet without a plan is refused before the flight.
         planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
@@ -384,7 +385,7 @@ class CertifiedPlanner(AbstractPlanner):
 
 
 def _end_of_holds(holds: PlannedHolds) -> float:
-    """Return the time, s, at which the holds end, limited to the time that new holds with as many cells can reach."""
+    """Return the end of the holds, s; at most `CELL_S` times the number of cells, the reach of new holds."""
     times = np.asarray(holds.paths.times)
     cells = times.shape[1] - 1
     return min(float(np.max(times)), CELL_S * cells)

@@ -66,12 +66,12 @@ def correct_path(
     path: TimedPath,
     task: AircraftTask,
     time: ScalarLike,
-    to_go: ScalarLike | None = None,  # time to the end of the path, s; None: by the path's clock
+    to_go: ScalarLike | None = None,  # time to the end of the path, s; None: end of the path - `time`
     lead: ScalarLike = 0.0,  # duration in which the path stays unchanged, s
 ) -> TimedPath:
     """Return the path with its end moved to the rendezvous expected from the goal measured now (in `task`).
 
-    From the first knot after `time` + `lead` (s, on the path's clock) to the end, the displacement d of the end is
+    From the first knot after `time` + `lead` (s, as in `path.times`) to the end, the displacement d of the end is
     blended in by d (10 u^3 - 15 u^4 + 6 u^5), u from 0 to 1 in proportion to the time. Position, velocity and
     acceleration stay continuous.
     """
@@ -104,17 +104,17 @@ def rendezvous_has_moved(
 ) -> Flag:
     """Return whether the rendezvous is farther from the end of the path than the uncertainty of its goal explains.
 
-    `task` has the currently measured goal; `to_go` is the time to the arrival, s. `covariance` and threshold: see
-    `exceeds_uncertainty`.
+    `task` has the currently measured goal; `to_go` is the time to the arrival, s. For `covariance` and the threshold,
+    see `exceeds_uncertainty`.
     """
     return exceeds_uncertainty(rendezvous_offset_n(path, task, to_go), covariance, to_go)
 
 
 def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go: ScalarLike) -> Flag:
-    """Return whether the offset of a position expected in `to_go` seconds is greater than its uncertainty explains.
+    """Return whether the deviation `offset` (NED, m) of a position in `to_go` seconds exceeds its uncertainty.
 
-    The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations along the offset (NED, m). `covariance` is the
-    covariance of the current position and velocity, NED, m and m/s; the velocity is taken as steady.
+    The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations along the offset, extrapolated at steady velocity from
+    the `covariance` of the current position and velocity, NED, m and m/s.
     """
     weights = jnp.concatenate([offset, to_go * offset])
     # variance along the offset, times the offset's square
@@ -138,7 +138,7 @@ def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) 
 def arrival_delays(
     arrival_times: Float[Array, " aircraft"],  # planned arrival times, s; -inf for an ignored aircraft
     time: ScalarLike,  # current time, s
-    replannable: Bool[Array, " aircraft"],  # whether each aircraft may get a new plan, or is ignored
+    replannable: Bool[Array, " aircraft"],  # whether each aircraft may get a new plan; True for an ignored aircraft
     arrival_is_free: Flag,  # whether the arrival rule leaves the arrival times open
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
     parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
@@ -175,13 +175,14 @@ class PlanInFlight(eqx.Module):
 
     plan: CertifiedPlan
     time: ScalarLike  # current time, s
-    # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
-    # its last path and arrival time; active aircraft avoid this path only if the aircraft has left the fleet
+    # planning problems with the currently measured goals; the motion of the aircraft is taken from the plan. The path
+    # and the arrival time of an inactive aircraft stay; active aircraft avoid this path only after the aircraft left
     tasks: AircraftTask
     airspace: Airspace
     freeze: ScalarLike  # duration before the arrival in which a path is frozen, s
-    # covariances of the goals' positions and velocities, NED, m and m/s; None: the goals are exact. If a goal has not
-    # shifted significantly (`rendezvous_has_moved`) and the correction is not feasible, the path stays; no new plan
+    # covariances of the goals' positions and velocities, NED, m and m/s; None: the goals are exact. If a correction is
+    # infeasible and the shift of the goal is not significant (`rendezvous_has_moved`), the path stays, and no new plan
+    # is made
     covariances: Float[Array, "aircraft 6 6"] | None
     correction_limits: PathLimits | None  # limits of a corrected path; None: limits of the tasks
     has_left: Bool[Array, " aircraft"]  # mask of the aircraft on exit paths, which the fleet avoids
@@ -232,8 +233,8 @@ class PlanInFlight(eqx.Module):
     def accepts(self, plan: CertifiedPlan) -> Flag:
         """Return whether a certified plan satisfies every constraint of the aircraft under way.
 
-        One exception: a path that is already too near to an exit path in the plan in force may stay so. The clearance
-        ratio must then be at least `_INHERITED_SHARE` of the present one.
+        Exception: a path that is too near to an exit path already in the plan in force may stay too near. The clearance
+        ratio must then be at least `_INHERITED_SHARE` times the ratio in the plan in force.
         """
         # No plan resolved such a conflict at the event.
         ratios, in_force = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
@@ -295,7 +296,7 @@ class ReplanningProblem(eqx.Module):
     def correct_partly(self) -> tuple[Flag, CertifiedPlan]:
         """Correct each path by the greatest of `CORRECTION_FRACTIONS` that its limits allow, or not at all.
 
-        Returns whether a path has changed and the plan satisfies every constraint, and the plan.
+        The first result tells whether a path has changed and the plan satisfies every constraint.
         """
         plan, under_way = self.in_flight.plan, self.in_flight.under_way
 

@@ -79,7 +79,7 @@ class FleetTask:
 
     @property
     def offsets(self) -> ArrivalTimes:
-        """Delay of each aircraft after the first arrival that the arrival rule requires, s."""
+        """Delay after the first arrival, s, that the arrival rule requires of each aircraft."""
         return self.request.offsets(self.active.size)
 
     @property
@@ -94,7 +94,7 @@ class FleetTask:
 
     @property
     def is_small(self) -> bool:
-        """Whether at most `SMALL_FLEET` aircraft are active: every kind of candidate is tried."""
+        """Whether at most `SMALL_FLEET` aircraft are active, for which every kind of candidate is tried."""
         return self.indices.size <= SMALL_FLEET
 
     @property
@@ -106,8 +106,8 @@ class FleetTask:
     def preferred_times(self) -> ArrivalTimes:
         """Preferred flight time of each aircraft, s: direct path at the preferred mean airspeed, or climb if longer.
 
-        If `direct_times` does not converge, the straight line replaces the direct path. In windows, the direct path's
-        time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least the straight line's time.
+        If `direct_times` does not converge, the straight line replaces the direct path. In windows, the airspeed is
+        raised by up to the factor `_WINDOW_SPEED_FACTOR`, but not so far that the straight line would take longer.
         """
         tasks, windows_s = self.tasks, self.request.windows_s
         direct, converged = (np.asarray(x) for x in direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS))
@@ -127,15 +127,15 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Return sets of arrival times, (set, aircraft), s: the prescribed set, or first arrivals every 0.25 s."""
+        """Return the sets of arrival times to test, (set, aircraft), s: prescribed, or first arrivals every 0.25 s."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
 
     def common_intervals(self, arrivals: Sequence[Intervals]) -> Intervals:
-        """Return the intervals of first arrivals, s, with which every active aircraft alone can keep its offset.
+        """Return the intervals of the first arrival, s, for which each active aircraft alone can arrive at its offset.
 
-        `arrivals` are each aircraft's reachable intervals. A result begins up to `latest_first_s`, but may end later.
+        `arrivals` are each aircraft's reachable intervals. Results begin by `latest_first_s`, but may end later.
         """
         open_intervals = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, self.active, strict=True)]
         return [(a, b) for a, b in common_times(open_intervals, self.offsets) if a <= self.latest_first_s]
@@ -160,7 +160,10 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the preferred times with `MINIMAL` and, if admissible, with larger candidate sets."""
+    """Propose the preferred times with `MINIMAL` and, if admissible, with larger candidate sets.
+
+    If `thorough` is False, or the arrival rule does not fix the times, `STANDARD` is the only larger set.
+    """
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -171,7 +174,7 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 
 
 def later_stage(fleet: FleetTask) -> Stage:
-    """Propose the preferred arrival times and later ones; the last plan found is the earliest.
+    """Propose the preferred arrival times, later times, and times between; the last plan found is the earliest.
 
     In windows, each aircraft is delayed individually.
     """
@@ -207,7 +210,7 @@ class _DelayedTimes:
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_DelayedTimes":
-        """Return the times before an index (None: all); none if the time at `index` is close to the first time."""
+        """Return the times before `index` (None: all times); no times if `times[index]` is close to the first time."""
         is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
         return _DelayedTimes(self.indices, self.times[: 0 if is_close else index])
 
@@ -236,9 +239,9 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_DelayedTimes], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """Search the first feasible time of each entry of `delays`; return the indices, None if no time is feasible.
+    """Search each entry of `delays` for the first feasible time; return the indices, None if no time is feasible.
 
-    Each proposal tests one time per entry; feasible times are put into `times` (s). `one_by_one`: see `first_index`.
+    Each proposal tests a time of every entry; feasible times are put into `times` (s). `one_by_one`: see `first_index`.
     """
     scans = {k: first_index(len(group_delays.times), one_by_one) for k, group_delays in enumerate(delays)}
     index: list[int | None] = [None] * len(delays)
@@ -403,7 +406,7 @@ class _Attempt(NamedTuple):
 
 
 class FailedAttempt(str):
-    """Progress message before further kinds of candidates are tried; `attempt` is the failed attempt."""
+    """Progress message before turn-and-leg paths or splines are tried; `attempt` failed with standard candidates."""
 
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
@@ -443,7 +446,7 @@ class _Search:
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
     def run(self, stage: Stage, run_to_end: bool = False) -> None:
-        """Attempt the proposals of a stage until one gives a plan (`run_to_end`: all); store the last plan found."""
+        """Attempt the proposals of a stage up to the first plan, or all (`run_to_end`); store the last plan found."""
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
@@ -472,8 +475,8 @@ class _Search:
     def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
         """Plan the fleet for arrival times (s) and a candidate set; return the plan, or None if an aircraft fails.
 
-        None also if both were attempted before. Extra candidates are generated only for aircraft that lack a proven
-        path with the standard candidates.
+        None also if this combination was attempted before. Extra candidates are generated only for aircraft that lack a
+        proven path with the standard candidates.
         """
         if self.failed_at(times, candidate_set) is not None:
             return None
@@ -538,7 +541,7 @@ class _Search:
         return attempt
 
     def _standard_candidates(self, times: ArrivalTimes, arguments: tuple[Any, ...]) -> Candidates:
-        """Return standard candidates for arrival times (s); the candidates of the last times are kept."""
+        """Return `standard_candidates(*arguments)` for arrival times (s); stored until the times change."""
         if self.standard is None or not np.array_equal(times, self.standard[0]):
             self.standard = times.copy(), standard_candidates(*arguments)
         return self.standard[1]

@@ -51,21 +51,21 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess of the spline search, stacked for several: polyline with a detour."""
+    """Random parameters of one initial guess of the spline search, a polyline with a detour; stacked for several."""
 
-    line_fraction: Float[Array, " points"]  # fraction along the straight line
-    # detour along and across the line
+    line_fraction: Float[Array, " points"]  # position on the line between the legs, 0 to 1
+    # detour along and across the line, in units of a size that gives the polyline its required length
     along_detour: Float[Array, " points"]
     across_detour: Float[Array, " points"]
-    angle: Float[Array, " points"]  # angle flown in full circles, rad
+    angle: Float[Array, " points"]  # angle flown in a circle, rad; multiplied by the number of circles
     circle_fraction: Scalar  # number of circles as a fraction of the possible number; negative: to the left
-    speed: Scalar  # airspeed as a fraction of the range of airspeeds
-    # legs at both ends, in turn radii
+    speed: Scalar  # airspeed as a fraction of the range between the limits
+    # straight legs at both ends, in turn radii
     first_leg: Scalar
     last_leg: Scalar
-    course: Scalar  # course of arrival unless prescribed, rad
-    hump: Scalar  # detour in altitude, m
-    limit_fraction: Scalar  # fraction of the limits
+    course: Scalar  # course at the arrival if none is prescribed, rad
+    hump: Scalar  # greatest additional altitude, m
+    limit_fraction: Scalar  # fraction of the limits that applies at first, see `initial_limits`
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
@@ -109,7 +109,7 @@ def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
 
 
 def make_guesses(count: int, seed: int = 0) -> Guess:
-    """Draw `count` initial guesses of the spline search, stacked; the same for each call with a seed."""
+    """Draw `count` initial guesses of the spline search, stacked; equal seeds give equal guesses."""
     return Guess(*(jnp.asarray(field_values) for field_values in _random_guesses(count, seed)))
 
 
@@ -117,7 +117,7 @@ def make_guesses(count: int, seed: int = 0) -> Guess:
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
     """Return the matrix that smooths the coefficients of a spline with `cells` intervals; n = cells + 3.
 
-    Third differences are penalized; three coefficients at either end stay.
+    Third differences are penalized; three coefficients at either end stay unchanged.
     """
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
@@ -134,9 +134,10 @@ def _last_velocity(
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """Return the velocity over the ground at the arrival (NED, m/s), and the frame of its allowed changes.
 
-    If a course or a path angle is prescribed, the velocity has the horizontal direction `direction_2d` (north, east)
-    and the prescribed path angle, or is level. Its horizontal magnitude is |`speed` * direction + `wind`|, m/s. If
-    neither is prescribed, the velocity is `free_velocity`. Frame: see `SplineStart.frame`.
+    If neither course nor path angle is prescribed, the velocity is `free_velocity`. If one is prescribed, the velocity
+    has the horizontal direction `direction_2d` (north, east), and the prescribed path angle or path angle 0. The
+    horizontal speed is |`wind` + horizontal airspeed along `direction_2d`| for the airspeed `speed`, m/s. The frame is
+    explained in `SplineStart.frame`.
     """
     rendezvous = problem.task.rendezvous
     angle_prescribed = rendezvous.path_angle_prescribed
@@ -251,8 +252,8 @@ def find_splines(
 ) -> Splines:
     """Find spline trajectories with which one aircraft arrives after a duration (s), from `starts` random guesses.
 
-    Returns the `max_splines` with the smallest violations of the limits, valid or not. `intervals`, the number of equal
-    intervals between the knots of a path, must be a multiple of `CELLS`. Not differentiable.
+    Returns the `max_splines` splines with the smallest violations of the limits, valid or not. `intervals`, the number
+    of equal intervals between the knots of a path, must be a multiple of `CELLS`. Not differentiable.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem

@@ -105,7 +105,7 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Return matrices M for mean squares over an interval of 1 s of position, velocity and acceleration, in this order.
+    """Return matrices M for the mean squares of position, velocity and acceleration, over an interval of 1 s.
 
     The mean square is c^T M c, for the interval's four coefficients c of one axis.
     """
@@ -159,7 +159,8 @@ def _with_sides_at_ends(
 ) -> Float[Array, " knots"]:
     """Return `side` with the values at the first and last knot set if these knots lie at the edge of a wind layer.
 
-    The side, 1 above the edge and -1 below, selects the wind layer whose rate of the wind holds at the knot.
+    At an edge, the rate of the wind jumps. The side of a knot selects the layer from which the rate is taken: 1 for the
+    layer above the edge, -1 below.
     """
     for knot, ahead in ((0, 1.0), (-1, -1.0)):
         state = states_at(spline, times[knot : knot + 1 or None])[0, :2, 2]
@@ -174,7 +175,7 @@ def spline_path(
     spline: Spline,
     wind: AbstractWind,
     intervals: int,  # number of equal intervals of the path, a multiple of the spline's
-    knots: int,  # number of knots; must exceed `intervals` by 1 and 2 more per crossing of an edge of a wind layer
+    knots: int,  # number of knots, at least `intervals` + 1 + 2 for each crossing of the edge of a wind layer
 ) -> TimedPath:
     """Convert a spline to a timed path in a wind.
 
@@ -272,8 +273,8 @@ class NormalEquations(NamedTuple):
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
     """Return the limits at the start of a search: `fraction` times the limits of bank, load factor and accelerations.
 
-    Airspeed and climb rate are limited slightly more than by the aircraft's limits. A negative limit of acceleration is
-    lowered, see `reduced_limit`.
+    The limits of airspeed and climb rate are slightly narrower than the aircraft's limits. A negative limit of
+    acceleration is lowered, too (see `reduced_limit`).
     """
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
@@ -358,9 +359,10 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Return the sum of the depths of a position (NED, m) inside the keep-outs with a margin, over 200 m.
+    """Return the depth of a position (NED, m) inside a keep-out, in units of 200 m; the sum over all keep-outs.
 
-    The depth is the least of the horizontal distance to the outside and three times the distance upward or downward.
+    The keep-outs are enlarged by a margin. The depth is the horizontal distance to the outside, or three times the
+    vertical distance if less.
     """
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]
@@ -377,9 +379,9 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
 ) -> Float[Array, " violations"]:
-    """Return the violations of flight limits and keep-outs at one sample point (s after the start), of equal weight.
+    """Return the violations of flight limits and keep-outs at one sample point, in units of equal weight.
 
-    `state` has the rows position, velocity and acceleration over the ground, NED, SI.
+    `time` in s after the start; `state` has the rows position, velocity and acceleration over the ground, NED, SI.
     """
     violations = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
@@ -411,7 +413,7 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Return the sum of the intervals' quadratic forms in blocks of `GROUP` coefficients; the first three are fixed."""
+    """Sum the intervals' quadratic forms into blocks of `GROUP` coefficients, without the first three, fixed ones."""
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.

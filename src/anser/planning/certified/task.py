@@ -75,10 +75,10 @@ Intervals = list[tuple[float, float]]
 class ArrivalRequest:
     """Arrival rule of a fleet, and its times in s after the start of the plan."""
 
-    #: "together": a common time, at which the last aircraft arrives at its preferred airspeed, or later. "earliest":
-    #: the earliest feasible common time. "at": a prescribed common time. "sequence": prescribed delays after the first
-    #: arrival, whose time is chosen as for "together". "times": a prescribed time per aircraft. "windows": a window
-    #: per aircraft.
+    #: "together": a common time, preferably the time at which the last aircraft can arrive at its preferred airspeed,
+    #: or later. "earliest": the earliest feasible common time. "at": a prescribed common time. "sequence": prescribed
+    #: delays after the first arrival, whose time is chosen as for "together". "times": a prescribed time per aircraft.
+    #: "windows": a window per aircraft.
     rule: str
     latest_s: float  #: Latest allowed arrival time, s after the start of the plan.
     times_s: ArrivalTimes | None = None  #: For "at" and "times": arrival time per aircraft, s.

@@ -56,11 +56,11 @@ PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE
 class CandidateSet(NamedTuple):
     """Selection of the candidates that are generated for each aircraft: profiles, and detours for each profile.
 
-    A profile has an entry in `speeds` and one in `altitude_detours`. A detour has an entry in `direct_ranks`, in
-    `detour_kinds` and in `sides`.
+    Profile k is (`speeds[k]`, `altitude_detours[k]`). Detour k is (`direct_ranks[k]`, `detour_kinds[k]`, `sides[k]`),
+    and is generated for each profile.
     """
 
-    speeds: tuple[int, ...]  # `PREFERRED` to `LATE_SLOW`
+    speeds: tuple[int, ...]  # choices of the airspeed: `PREFERRED`, ..., `LATE_SLOW`
     altitude_detours: tuple[float, ...]  # greatest additional altitudes, m
     direct_ranks: tuple[int, ...]  # ranks of the direct paths by length; 0: the shortest
     detour_kinds: tuple[int, ...]  # see `detour`; or `RACETRACK`
@@ -88,7 +88,7 @@ class CandidateSet(NamedTuple):
         return self.size if self.max_candidates is None else min(self.size, self.max_candidates)
 
     def leading_profiles(self, smaller: "CandidateSet") -> int:
-        """Return the number of profiles of this set, from the first on, that contain all profiles of a smaller set."""
+        """Return the least n for which the first n profiles of this set include every profile of a smaller set."""
         profiles = list(zip(self.speeds, self.altitude_detours, strict=True))
         return 1 + max(
             profiles.index(profile) for profile in zip(smaller.speeds, smaller.altitude_detours, strict=True)
@@ -100,7 +100,7 @@ class CandidateSet(NamedTuple):
         return MATCHED in self.speeds
 
     def members_of(self, smaller: "CandidateSet") -> Bool[np.ndarray, " candidates"]:
-        """Return the mask of this set's candidates that a smaller set contains, too; for sets of detours only."""
+        """Return the mask of this set's candidates that a smaller set contains, too; for two sets of detours only."""
         profiles = set(zip(smaller.speeds, smaller.altitude_detours, strict=True))
         detours = set(zip(smaller.direct_ranks, smaller.detour_kinds, smaller.sides, strict=True))
         has_profile = [pair in profiles for pair in zip(self.speeds, self.altitude_detours, strict=True)]
@@ -252,8 +252,8 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
     """Return the rates of gain and loss of airspeed in profiles, m/s^2.
 
-    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part. If the
-    acceleration limit is negative, the rate of gain is `_RATE_MIN`.
+    The rates use a part of the limits of acceleration along the path; the remaining part is for climb and descent.
+    If the acceleration limit is negative, the rate of gain is `_RATE_MIN`.
     """
     limits = task.limits
     gain = jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max)
@@ -266,7 +266,7 @@ def _speed_0(task: AircraftTask) -> Scalar:
 
 
 def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Return the equal middle and final airspeeds, m/s, of a profile with a duration (s) and a mean airspeed (m/s)."""
+    """Return middle and final airspeed, m/s, both equal, of a profile with a duration (s) and a mean airspeed (m/s)."""
     final_speed = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
     return final_speed, final_speed
 
@@ -356,9 +356,10 @@ def profile_paths(
     altitude_detour: ScalarLike,
     speeds: tuple[Scalar, Scalar],
 ) -> ProfilePaths:
-    """Make the profile with the middle and final airspeeds `speeds` (m/s), tabulated in `intervals`, and direct paths.
+    """Make the profile with the middle and final airspeeds `speeds` (m/s), and its direct paths.
 
-    `duration` in s; `altitude_detour` is the greatest additional altitude, m.
+    `duration` in s; `altitude_detour` is the greatest additional altitude, m. The profile is tabulated in `intervals`
+    equal time intervals.
     """
     profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
     table = tabulate(profile, airspace.wind, intervals)
@@ -386,7 +387,7 @@ def timed_profile(
 
 
 class _NearbyPath(NamedTuple):
-    """Shortest direct path at a mean airspeed near the solution, with the tightest turns."""
+    """Shortest direct path, with the tightest turns, at a mean airspeed near the result of a search."""
 
     shortest: DirectPath
     width: Scalar  # width to which the turns can be widened, see `widen_direct`; 0: not at all
@@ -404,8 +405,8 @@ def _approach_direct_length(
 ) -> tuple[Scalar, _NearbyPath]:
     """Approach the mean airspeed at which the shortest direct path takes the duration (s), by fixed-point iteration.
 
-    Returns this airspeed, m/s, and the direct path there, with the greatest of `WIDTHS` for which the path is at most
-    `_SPEED_FACTOR_MAX` times as long as the profile.
+    Returns this airspeed, m/s, and the direct path at this airspeed. The width of the path is the greatest of `WIDTHS`
+    for which the widened path is at most `_SPEED_FACTOR_MAX` times as long as the profile.
     """
 
     def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
@@ -448,7 +449,7 @@ def _match_direct_length(
         return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
-        """Evaluate the mismatch of length at the mean airspeed `current` (m/s); return the next airspeed too."""
+        """Do one secant step for the mean airspeed (m/s) at which the mismatch of length is zero."""
         previous, current, previous_mismatch = carry
         mismatch = mismatch_at(current)
         gap = mismatch - previous_mismatch

@@ -65,7 +65,7 @@ class RadiusSchedule(eqx.Module):
     scales: Float[Array, " intervals"]  # radius in units of 1 / `PathEndpoints.curvature_max`
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
-        """Return the least radius (unit as `scales`) of a turn from a length along the path (m), `span` (m) long."""
+        """Return the least radius (unit as `scales`) of a turn that lasts from `length` to `length` + `span`, m."""
 
         # greatest of the radii at start, middle and end
         def radius_at(position: Scalar) -> Scalar:
@@ -149,7 +149,8 @@ class Starts(NamedTuple):
     """Initial values of searches for turn-and-leg paths; leading axis search."""
 
     senses: Float[ArrayLike, "*starts 4"]  # senses of the turns: 1 right, -1 left
-    # square roots of four turn angles (rad), three leg lengths (fractions of the path) and four excess radii
+    # square roots of four turn angles (rad), three leg lengths (fractions of the path) and four excess radii (radius
+    # over the least radius, minus 1)
     unknowns: Float[ArrayLike, "*starts 11"]
     # fraction of the spare length (target length less straight line) that each turn flies in full circles
     circling_fraction: Float[ArrayLike, "*starts 4"]
@@ -327,7 +328,7 @@ def _evaluate_path(
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
     """Find turn-and-leg paths of a target length: one damped Gauss-Newton search from each of the `starts`.
 
-    Returns one path per continued search, in no particular order. The flag `exists` of a path tells whether end
+    Returns one path per search (see `max_paths`), in no particular order. The flag `exists` of a path tells whether end
     position, end heading, length and turn angles are met, not whether the path avoids the keep-outs. Not
     differentiable.
 

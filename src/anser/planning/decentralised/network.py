@@ -1,4 +1,4 @@
-"""Communication network of a fleet: links by distance, losses and outages, and messages with delay and relaying."""
+"""Communication network of a fleet: links of limited range with losses and outages, and delayed, relayed messages."""
 
 import equinox as eqx
 import jax
@@ -15,14 +15,14 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """Latest data that each receiver (row) has about each subject (column); diagonal: current data on itself."""
+    """Latest data that each aircraft (receiver, row) has about each aircraft (subject, column), also about itself."""
 
-    clocks: Float[Array, "aircraft aircraft"]  # clocks of the subjects, s
+    clocks: Float[Array, "aircraft aircraft"]  # clocks by which the subjects fly, s, see `time_coordination`
     times: Float[Array, "aircraft aircraft"]  # times at which the subjects sent the data, s
-    tokens: Int[Array, "aircraft aircraft"]  # tokens of the subjects' offers, see `path_exchange`
-    # (receiver, subject, owner): last token of the owner that the subject has acknowledged
+    tokens: Int[Array, "aircraft aircraft"]  # tokens, which count the subjects' offers of paths, see `path_exchange`
+    # (receiver, subject, owner of an offer): last token of the owner that the subject has acknowledged
     acknowledged: Int[Array, "aircraft aircraft aircraft"]
-    delays: Float[Array, "aircraft aircraft"]  # delays that the subjects request for the fleet's arrivals, s
+    delays: Float[Array, "aircraft aircraft"]  # delays of the fleet's arrivals that the subjects request, s
 
 
 class Broadcast(eqx.Module):
@@ -47,11 +47,12 @@ class NetworkState(eqx.Module):
 class Network(eqx.Module):
     """Broadcast network: in each exchange, each aircraft sends its whole knowledge, data received earlier included.
 
-    A link is up or down in both directions. A link is down beyond `range`, during an outage (Gilbert-Elliott model) and
-    for lost exchanges; different links are independent. The methods raise ValueError if `randomness` is None.
+    A link is up or down in both directions. A link is down if the aircraft are farther apart than `range`, during an
+    outage (Gilbert-Elliott model), and if an exchange is lost at random; different links are independent. The methods
+    raise ValueError if `randomness`, the source of random numbers, is None.
     """
 
-    range: Scalar  # greatest distance of a link, m
+    range: Scalar  # greatest distance between two linked aircraft, m
     dropouts: Dropouts  # losses and outages of the links
     period: Scalar  # time between two exchanges, s
     period_samples: Integer  # number of samples between two exchanges
@@ -59,7 +60,7 @@ class Network(eqx.Module):
     slots: int = eqx.field(static=True)  # length of the ring buffer in exchanges; must be greater than `delay`
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
-        """Return the state before the first exchange: the whole fleet knows all `clocks` (s) and agreed paths."""
+        """Return the state before the first exchange: every aircraft knows all `clocks` (s), and no offer was made."""
         count = clocks.shape[0]
         pairs, zero = (count, count), jnp.zeros((count, count), dtype=jnp.int32)
         knowledge = KnowledgeMatrix(
@@ -117,7 +118,7 @@ class Network(eqx.Module):
 
 
 def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Scalar) -> KnowledgeMatrix:
-    """Write each aircraft's current data onto the diagonal of the knowledge matrix (receiver, subject)."""
+    """Write each aircraft's current data, sent at `time` (s), onto the diagonal of the knowledge matrix."""
     is_diagonal = np.eye(broadcast.clocks.shape[0], dtype=bool)
     return KnowledgeMatrix(
         clocks=jnp.where(is_diagonal, broadcast.clocks, knowledge.clocks),

@@ -31,11 +31,12 @@ class Exchange(eqx.Module):
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
-    # path offered; after acceptance or withdrawal, the path given up; if `settled`, the agreed path
+    # while an offer is open, the offered path; after acceptance, the former agreed path; after withdrawal, the path of
+    # the withdrawn offer; if `settled`, the agreed path
     alternative: ApproachAndHold
     tokens: Int[Array, " aircraft"]  # token of each aircraft's offers; odd: an offer is open
     settled: Bool[Array, " aircraft"]  # whether the fleet has acknowledged the outcome of the last offer
-    offered_at: Float[Array, " aircraft"]  # time of the last offer by the aircraft's clock, s
+    offered_at: Float[Array, " aircraft"]  # time of the aircraft's last offer, read from its clock, s
     # (aircraft, owner): last token of the owner that the aircraft has acknowledged
     acknowledged: Int[Array, "aircraft aircraft"]
 

@@ -93,7 +93,7 @@ class ClockedPath(AbstractReference):
 
 
 class Clocks(eqx.Module):
-    """Clocks (s) by which the aircraft of a fleet fly along their paths, their rates (1) and accelerations (1/s)."""
+    """Clocks (s) by which the aircraft of a fleet fly along their paths; clock rates (no unit), accelerations (1/s)."""
 
     clock: Float[Array, " aircraft"]
     rate: Float[Array, " aircraft"]
@@ -133,9 +133,10 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """Return the clocks after one step (s) that begins at `time` (s), with rates limited by `bounded_rate`.
+    """Return the clocks after one `step` (s) that begins at `time` (s), with rates limited by `bounded_rate`.
 
-    `active` and `arrived` are masks: the clock of an aircraft that has arrived or is inactive runs at rate 1.
+    `knowledge` has the last clocks received from the other aircraft. `active` and `arrived` are masks: the clock of an
+    aircraft that has arrived or is inactive runs at rate 1.
     """
     count = clocks.clock.shape[0]
     estimated_clocks = knowledge.clocks + (time - knowledge.times)
@@ -153,7 +154,7 @@ def advance_clocks(
 class DecentralisedPlanState(eqx.Module):
     """State of the decentralised planner; leading axis aircraft. Each aircraft knows only its own entries."""
 
-    plan: CertifiedPlan  # plan with the paths flown, as functions of the `clocks`
+    plan: CertifiedPlan  # plan with the flown paths; times of the plan are readings of the aircraft's `clocks`
     replanning: Array  # origin of the plan: FIRST_PLAN, ... of `anser.planning.certified.replanning`
     limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
     exchange: Exchange  # state of the agreement on paths
@@ -161,9 +162,9 @@ class DecentralisedPlanState(eqx.Module):
     network: NetworkState
     time: Scalar  # flight time, s
     replan_needed: Flag  # whether an aircraft must search for another path
-    waits: Bool[Array, " aircraft"]  # mask of the aircraft still on their previous path
+    waits: Bool[Array, " aircraft"]  # mask of the aircraft whose newly agreed path has not begun
     first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, s
-    delays: Float[Array, " aircraft"]  # delay of the fleet's arrivals that each aircraft knows, s
+    delays: Float[Array, " aircraft"]  # greatest requested delay of the fleet's arrivals that each aircraft knows, s
 
 
 class _Correction(eqx.Module):
@@ -187,7 +188,8 @@ class _CorrectionLoop(eqx.Module):
     """State of the loop that finds the largest fraction by which each aircraft's path can be corrected."""
 
     attempt: Integer  # index of the next fraction in (*CORRECTION_FRACTIONS, 0)
-    paths: TimedPath  # paths corrected by the largest fraction that fits
+    # paths corrected by the largest fraction that fits: the corrected path keeps limits, keep-outs and tube
+    paths: TimedPath
     certificate: Certificate  # certificate of these paths
     is_changed: Bool[Array, " aircraft"]  # mask of the aircraft with a fraction that fits
     corrected: Bool[Array, " aircraft"]  # mask of the aircraft whose whole correction fits
@@ -210,7 +212,8 @@ class DecentralisedPlanner(AbstractPlanner):
     """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network."""
 
     searches_often: ClassVar[bool] = True
-    # planner of the single aircraft; its separation must include twice the `tube` and the differences of the clocks
+    # planner by which each aircraft plans; this planner's separation must include twice the `tube`, and the distance
+    # flown in the greatest difference of two clocks
     aircraft_planner: CertifiedPlanner
     network: Network  # communication network
     gains: CoordinationGains  # gains of the clocks' coordination
@@ -259,8 +262,9 @@ class DecentralisedPlanner(AbstractPlanner):
     ) -> DecentralisedPlanState:
         """Return the planner state after corrections as by `replan`, and after the search for one aircraft's new path.
 
-        The aircraft that need a new path take turns. The aircraft offers the first path found that is clear of the
-        fleet. The arrival time known to the aircraft is tried first, then later times; the fleet adopts this delay.
+        The aircraft that need a new path take turns, one per call. The search tries the arrival time known to the
+        aircraft first, then later times. The aircraft offers the first path that is clear of the fleet; if this path
+        arrives later, the aircraft requests the delay for all arrivals of the fleet.
         """
         correction = _correct(self, planner_state, reports)
         searches = np.flatnonzero(correction.searches)
@@ -290,7 +294,7 @@ class DecentralisedPlanner(AbstractPlanner):
     def prepare_replanning(
         self, planner_state: DecentralisedPlanState, reports: AircraftReport
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs of `replan_between_steps` except `plan_at`, for the shapes of the arguments."""
+        """Yield the programs of `replan_between_steps`, but not of `plan_at`, for the shapes of the arguments."""
         program = _correct.prepare(self, planner_state, reports)
         yield program
         correction, selected = program.shapes, reports.active
@@ -407,7 +411,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
-        """Return the search problem for a new path of the aircraft in the mask `selected`, which starts in `LEAD_S`."""
+        """Return the search problem for the aircraft in the mask `selected`; its new path starts after `LEAD_S`."""
         planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
         agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
@@ -442,7 +446,7 @@ class DecentralisedPlanner(AbstractPlanner):
         paths: TimedPath,  # paths of a plan
         selected: Bool[Array, " aircraft"],  # mask that selects the aircraft with the new path
     ) -> tuple[Flag, ApproachAndHold]:
-        """Add a hold after the arrival to a new path; return whether both are clear of the fleet, and all proposals."""
+        """Return whether a new path with a hold is clear of the fleet, and the proposals with the new path and hold."""
         planner, exchange = self.aircraft_planner, correction.planner_state.exchange
         former = exchange.agreed_paths.hold
         holds = assign_holds(
@@ -470,7 +474,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Return the planner state after a step (s): clocks are advanced; messages are exchanged if due at `number`."""
+        """Advance the clocks by `step` (s), exchange messages if due at sample `number`; return the state."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:
@@ -559,7 +563,7 @@ def _keeps_clear(
 
 
 def _tasks_at_start(tasks: AircraftTask) -> AircraftTask:
-    """Return the tasks with the goals moved to their positions after `LEAD_S`, at the start of an offered path."""
+    """Return the tasks with the goals at their positions `LEAD_S` later, when an offered path starts."""
     return eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n)
 
 
@@ -573,9 +577,9 @@ def _open_offers(
     correction: _Correction,
     proposals: ApproachAndHold | None = None,  # proposals with a new path; None: no aircraft has found one
     selected: Bool[Array, " aircraft"] | None = None,  # mask of the aircraft with the new path
-    extra_delay: Scalar | None = None,  # delay of the fleet that the new path demands, s
+    extra_delay: Scalar | None = None,  # additional delay of all arrivals of the fleet that the new path requires, s
 ) -> DecentralisedPlanState:
-    """Return the planner state after the offers of the correction and, if there is one, of a newly found path."""
+    """Return the planner state after the offers of the correction and the offer of a newly found path, if any."""
     state, offers = correction.planner_state, correction.offers
     if proposals is None or selected is None or extra_delay is None:
         return eqx.tree_at(lambda s: s.exchange, state, correction.with_offers(offers))

@@ -23,7 +23,7 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the coordination law in the module's docstring, by which the mission clocks are adjusted."""
+    """Gains and limits of the coordination law of the clocks, in the module's docstring."""
 
     coupling: Scalar  # c, 1/s: gain of the differences from the clocks of the neighbours
     damping: Scalar  # b, 1/s: gain of the deviation of the rate from 1
@@ -103,8 +103,8 @@ def quality_of_service(
 def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
     """Return the guaranteed rate of convergence of clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
 
-    The rate holds for gamma_dot = -(c / n) L gamma, with the coupling c (1/s) and the quality of service mu over
-    windows T (s): |Q gamma| falls at least as exp(-rate t), over complete windows. Source: Xargay et al. (2013), after
+    The rate holds for gamma_dot = -(c / n) L gamma, with the coupling c (1/s), windows T (s), and mu, L and Q as in
+    `quality_of_service`: |Q gamma| falls at least as exp(-rate t), over complete windows. Source: Xargay et al., after
     A. Loria, E. Panteley, *Uniform exponential stability of linear time-varying systems: revisited*, Systems & Control
     Letters 47 (2002) 13-24.
     """
@@ -112,5 +112,5 @@ def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
 
 
 def coordination_error(clocks: np.ndarray) -> np.ndarray:
-    """Return the norm of the deviation of the clocks gamma (..., n), s, from their mean: |Q gamma|, (...,), s."""
+    """Return the norm of the deviations of the clocks (..., n), s, from the mean of the n clocks; shape (...), s."""
     return np.linalg.norm(clocks - clocks.mean(axis=-1, keepdims=True), axis=-1)

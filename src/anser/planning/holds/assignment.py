@@ -82,9 +82,10 @@ class _HoldOption(eqx.Module):
 def _clearance_ratios(
     index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Return lower bounds of distance over separation between one aircraft and each aircraft of the fleet, (aircraft,).
+    """Return lower bounds of distance over separation between one aircraft and each aircraft of the fleet.
 
-    The bounds hold from the first arrival of the two on, holds included; infinite for the aircraft itself (`index`).
+    The bounds hold after the first arrival of the two, for approaches and holds; the bound for the aircraft itself
+    (`index`) is infinite.
     """
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
@@ -107,9 +108,9 @@ _Search = tuple[Integer, Integer, Scalar, _HoldOption, Flag]
 
 
 class _Choice(eqx.Module):
-    """State of the assignment of holds after `turn` rounds; leading axis aircraft."""
+    """State of the assignment of holds after some rounds of choices; leading axis aircraft."""
 
-    turn: Integer
+    turn: Integer  # number of rounds so far
     options: _HoldOption  # chosen holds
     pick: Array  # indices of the circles of the chosen holds
     # as in `PlannedHolds`

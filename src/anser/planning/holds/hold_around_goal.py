@@ -49,7 +49,7 @@ class HoldAroundGoal(eqx.Module):
 
     def command(
         self,
-        belief: Belief,  # the aircraft's own estimate of its state and its goal's
+        belief: Belief,  # the aircraft's own estimates of its state and of its goal's state
         clearance: GroundClearance,
         rendezvous: Rendezvous,  # rendezvous; the height of the stand-off is the height of the hold
         distance_min: Scalar,  # least distance from the goal, m
@@ -59,9 +59,10 @@ class HoldAroundGoal(eqx.Module):
     ) -> tuple[PathCommand, Vector3]:
         """Return the command through the air (V, gamma, chi with rates), and the reference point of the hold, NED, m.
 
-        The planned hold is followed if it is still valid (`hold_reference`) and the aircraft has not broken away. In
-        the other cases the aircraft flies a circle, with radius, turn direction and height of the planned hold if there
-        is one. Near the ground, the command is changed to level off. Raises ValueError if the aircraft has no goal.
+        The planned hold is followed if it is still valid (`hold_reference`) and the aircraft has not broken away; the
+        reference point is the planned position. In the other cases the aircraft flies a circle, with radius, turn
+        direction and height of the planned hold if there is one; the reference point is the circle's nearest point.
+        Near the ground, the command is changed to level off. Raises ValueError if the aircraft has no goal.
         """
         if belief.goal is None:
             raise ValueError("a hold is flown around a goal: the aircraft has none")

@@ -56,10 +56,10 @@ class PlannedHolds(eqx.Module):
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     forecast_time: Scalar
-    # least ratio of distance to separation of each pair, from the first arrival of the pair on
+    # least ratio of distance to separation of each pair after the first arrival of the pair
     clearance_ratio: Float[Array, "aircraft aircraft"]
     keep_out_clearance: Float[Array, "aircraft volumes"]  # least distance outside each keep-out, m
-    clear: Bool[Array, " aircraft"]  # whether the hold keeps separation, keep-outs and altitude limits to the end
+    clear: Bool[Array, " aircraft"]  # whether the hold keeps separation, keep-outs, altitudes, goal distance
 
 
 def choose_cell_count(duration_s: float) -> int:
@@ -85,11 +85,11 @@ def _forecast_errors(
 def move_with_goals(
     holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
-    """Return holds moved with their goals, with positions and velocities measured at `time` (s) in `tasks`.
+    """Return the holds moved with the goals, whose positions and velocities measured at `time` (s) are in `tasks`.
 
     Each path is shifted at its time t by (offset of the goal from the former forecast) + (change of the goal's
-    velocity) * (t - `time`). The shift belongs to the path through the air, not to the drift. `time` may be one time
-    per aircraft; `forecast_time` of the result then has this shape, too.
+    velocity) * (t - `time`). The path through the air is shifted; the drift stays. `time` may be one time per aircraft;
+    `forecast_time` of the result then has this shape, too.
     """
     time = jnp.asarray(time, dtype=float)
     offsets_n, changes_n = _forecast_errors(holds, tasks, time)
@@ -121,9 +121,10 @@ def goals_have_shifted(
 ) -> Bool[Array, "aircraft aircraft"]:
     """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
-    The shift is the motion of one goal relative to the other, against the forecast, expected at the pair's first
-    arrival. A pair is marked if shift / separation exceeds the pair's clearance ratio minus 1 and, with `covariances`,
-    the shift is significant (`exceeds_uncertainty`). Pairs with an inactive or arrived aircraft are never marked.
+    The shift is the deviation of the goals' relative position from the forecast, as expected at the pair's first
+    arrival. A pair is marked if shift / separation exceeds the pair's clearance ratio minus 1 by 0.05 and, with
+    `covariances`, the shift is significant (`exceeds_uncertainty`). Pairs with an inactive or arrived aircraft are
+    never marked.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
@@ -179,8 +180,8 @@ def hold_reference(
 
     `holds` must be the holds of this aircraft alone, without the leading axis; position (m) and velocity (m/s) of the
     goal are estimates, NED. The reference may not be flown after its end, or if the goal's velocity deviates from the
-    forecast by more than `GOAL_VELOCITY_TOLERANCE` times the airspeed `speed` (m/s). If `reach` (m) is given, any
-    velocity of the goal is accepted, and the reference moves with the goal by at most this distance.
+    forecast by more than `GOAL_VELOCITY_TOLERANCE` times the airspeed `speed` (m/s). Exception: if `reach` (m) is
+    given, the goal may have any velocity, and the reference moves with the goal by at most this distance.
     """
     offset_rate_n = goal_velocity_n - holds.goal_velocities_n
     offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
@@ -221,7 +222,7 @@ def hold_path(
     gravity: ScalarLike,
     cells: int,  # number of cells of the path
     *,
-    one_kernel: bool = False,  # whether a cell may become a single kernel, which must not be batched
+    one_kernel: bool = False,  # whether a cell may become one CPU kernel; the call must then not be batched
 ) -> TimedPath:
     """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance.
 
@@ -320,7 +321,7 @@ def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Ar
 def join_tracks(
     approach_track: Track, hold_track: Track, times: Float[Array, " instants"], arrival: ScalarLike
 ) -> Track:
-    """Join the tracks of an approach and its hold at instants (s); the error bound around the arrival covers both."""
+    """Join the tracks of an approach and its hold at `times` (s); at the arrival, the error bound covers both."""
     holding, underway = is_holding(times, arrival), times[:-1] < arrival
     error_bound = jnp.maximum(
         jnp.where(holding, hold_track.error_bound, 0.0), jnp.where(underway, approach_track.error_bound, 0.0)

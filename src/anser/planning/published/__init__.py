@@ -1,7 +1,7 @@
 """The published planner: polynomial paths of equal length, flown in equal time so that the fleet arrives together.
 
 ================  ==================================================================================
-``planner``       planner in the closed loop: sides of the detours, check of the paths against limits
+``planner``       planner in flight: side of each detour, check of the paths against limits
 ``coordination``  common arrival time, one trajectory per aircraft, correction and replanning
 ``trajectory``    Hermite cubic with bends, its length, and the bend for a required length
 ``time_law``      path parameter over time: as published, or for an evenly changing airspeed

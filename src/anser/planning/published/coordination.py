@@ -54,13 +54,14 @@ class FleetPlan(eqx.Module):
     arrival_time: Scalar  # common arrival time, s
     arrival_times: Float[Array, " aircraft"]  # arrival times, s; an inactive aircraft keeps the time of its last plan
     nominal_lengths: Float[Array, " aircraft"]  # lengths of the paths without bend, m
-    # mean airspeed, m/s: of the fleet, or more if the farthest aircraft cannot descend at the fleet's airspeed
+    # mean airspeed of the plan, m/s: the requested airspeed, or more if the farthest aircraft needs more to descend
     speed: Scalar
-    # greatest nominal length minus `path_length_deficit`, m, of the active aircraft that can arrive. Each planned path
-    # has the reference length plus the deficit of its aircraft
+    # greatest value of nominal length minus `path_length_deficit` among the active aircraft that can arrive, m. The
+    # length of each planned path is the reference length plus the deficit of the aircraft
     reference_length: Scalar
     lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
-    # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
+    # lateral bend of each path (see `bend_trajectory`), m, right positive; 0 for the farthest aircraft, and for an
+    # aircraft that never flew
     lateral_bends: Float[Array, " aircraft"]
     farthest: Integer  # index of the aircraft with the longest path, which flies without bend
     converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
@@ -83,8 +84,8 @@ class PlanningTask(eqx.Module):
     goal_velocity_n: Vector3
     rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
     wind_n: Vector3  # wind measured by the aircraft, NED, m/s
-    # position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line from
-    # the origin to the rendezvous determines the free arrival direction and the direction of the bend
+    # position at the first plan, moved with the air since then, NED, m. The line from this origin to the rendezvous
+    # determines the arrival direction, if free, and the direction of the bend
     origin_n: Vector3
     # planned speed times time minus the length flown since the first plan, m; 0 in a first plan. The deficit is
     # subtracted from the remaining length, so that the plan keeps the mean airspeed of the whole flight. (The airspeed
@@ -337,15 +338,15 @@ def continue_plan(
 ) -> tuple[FleetPlan, Flag]:
     """Continue a plan from the present state; return the plan, and whether the fleet must be coordinated again.
 
-    Every path is refitted from the aircraft's position to the predicted rendezvous; arrival time and shape stay. An
-    inactive aircraft keeps its last plan, and the plan of the other aircraft does not change.
+    Every path is refitted from the aircraft's position to the predicted rendezvous, with the same arrival time and
+    shape. An inactive aircraft keeps its last plan, and has no effect on the plans of the other aircraft.
 
     The flag is True if a new common arrival time is needed (`coordinate`):
 
     - if the mean airspeed of an aircraft differs from the plan's airspeed by more than 1 percent, or
     - if the plan has no solution for an aircraft whose goal can be reached.
 
-    In the last 15 s the flag is False, because a few metres of path would require a bend of many g.
+    In the last 15 s the flag is False, because a bend that adds a few metres to the path would require many g.
     """
     continued = _refit_paths(plan, time, tasks, plan.speed, even_speed)
     duration = continued.trajectories.duration
@@ -370,8 +371,8 @@ def replan(
 
     Notes
     -----
-    Solving L(kappa) = L_ref at every replanning (theory section 8, literally) is ill-conditioned: near the minimum of
-    L, a tracking error of one metre changes kappa by kilometres.
+    Solving L(kappa) = L_ref for the bend kappa (m) at every replanning (theory section 8, literally) is
+    ill-conditioned: near the minimum of the length L, a tracking error of one metre changes kappa by kilometres.
     """
     continued, is_due = continue_plan(plan, time, tasks, even_speed)
     new_plan = jax.lax.cond(

@@ -1,4 +1,4 @@
-"""The published planner in the closed loop: sides of the detours, and check of the paths against the limits."""
+"""The published planner in flight: side of each detour (right or left), and check of the paths against the limits."""
 
 import dataclasses
 
@@ -181,7 +181,7 @@ class PublishedPlanState(eqx.Module):
 
     plan: FleetPlan
     sides: Float[Array, " aircraft"]  # sides of the detours: +1 right, -1 left
-    deceleration: Float[Array, " aircraft"]  # with the engine idle in level flight at the start, m/s^2
+    deceleration: Float[Array, " aircraft"]  # deceleration with the engine idle in level flight at the start, m/s^2
     flown_length: Float[Array, " aircraft"]  # length flown through the air since the first plan, m
     replan_needed: Flag  # whether the fleet must be coordinated again
 
@@ -217,7 +217,7 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Refit each path from the reported position to the predicted rendezvous; arrival time and shape stay.
+        """Refit each path from the reported position to the predicted rendezvous, with the same arrival time and shape.
 
         `replan_needed` is set if `continue_plan` requires that the fleet be coordinated again.
         """

@@ -34,7 +34,7 @@ _SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
-    """Return the matrix that integrates a function from its values at the nodes of the rule on [0, 1].
+    """Return the matrix that integrates a function from its values at the nodes of the quadrature rule on [0, 1].
 
     Row i of the matrix belongs to the integral from 0 to node i.
     """
@@ -127,7 +127,7 @@ class _CellMotion(eqx.Module):
 
     slope: Scalar  # |dr/ds|, m
     speed: Scalar  # airspeed, m/s
-    is_slowest: Flag  # whether the airspeed is limited to the least one
+    is_slowest: Flag  # whether the airspeed is the least airspeed, because the law demands less
     time: Scalar  # time since the start of the cell, s
 
 
@@ -295,9 +295,9 @@ def _minimum_exchange(
     """Return the least energy exchange (0 to 1), to first order, with which an idle engine decelerates enough.
 
     The deceleration required at the steepest point is (1 - exchange) g (-dh/dl) + e, for the altitude h, the length l
-    and the braking e (see `even_law`). `deceleration` (engine idle in level flight, m/s^2) less a reserve is available.
-    To first order, e = base + exchange * mean. `base` is the braking if exchange is 0: the final speed is then
-    2 mean_speed - speed_0. `mean` brakes the speed gained by the exchange, along the whole path.
+    and the braking e (see `even_law`). The available deceleration is `deceleration` (engine idle in level flight,
+    m/s^2) less a reserve. To first order, e = base + exchange * mean: `base` is the braking from `speed_0` to the final
+    speed 2 mean_speed - speed_0, and `mean` is the additional braking, along the whole path, for the exchange 1.
     """
     total = jnp.maximum(lengths[-1], _TINY)
     steepest = STANDARD_GRAVITY_M_S2 * jnp.max(fall)
@@ -318,7 +318,7 @@ def even_law(
     exchange: ScalarLike | None = None,  # prescribed exchange (0..1); None: computed
     even: Flag | bool = True,  # False selects the published law
 ) -> TimeLaw:
-    """Return the even time law of a path flown in `duration` seconds from `speed_0` (m/s) on, with constant braking.
+    """Return the even time law of a path: the flight starts at the airspeed `speed_0` and takes `duration` seconds.
 
     The airspeed V over the length l follows V dV/dl = exchange g (-dh/dl) - e, with the altitude h. The braking e
     (m/s^2) is such that the flight time is `duration`. The exchange is the fraction of the lost potential energy that

@@ -74,11 +74,11 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Return a trajectory with a lateral and an upward bend (m) added; ends, end directions and duration stay.
+    """Return a trajectory with a lateral and an upward bend (m) added; both ends keep their positions and directions.
 
-    A bend is the coefficient of s^4, for the path parameter s from 0 to 1. The bend moves the middle of the path by a
-    sixteenth of the bend, along `lateral_n` or upwards. In the symbols of the theory: kappa = b_4 duration^4 laterally,
-    c_4 duration^4 vertically. The result has the published time law.
+    A bend is the coefficient of s^4, for the path parameter s from 0 to 1; the middle of the path moves by a sixteenth
+    of the bend, along `lateral_n` or upwards. In the theory, the lateral bend is kappa = b_4 duration^4, and the upward
+    bend c_4 duration^4. The result has the same duration, and the published time law.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
@@ -113,8 +113,8 @@ def fit_trajectory(
     lateral_bend: ScalarLike = 0.0,
     vertical_bend: ScalarLike = 0.0,
     wind_n: Vector3 | None = None,  # steady wind, NED, m/s; None: still air
-    # line to the right of which lateral bends act; None: from start to rendezvous. For replanning en route: line of the
-    # first plan, because only then does the rest of a bent path belong to the same family
+    # lateral bends act to the right of this line, NED, m; None: line from start to rendezvous. In flight: line of
+    # the first plan, because with another line the rest of a bent path cannot be fitted
     line_n: Vector3 | None = None,
 ) -> Trajectory:
     """Return the trajectory with the required positions and velocities at both ends, plus the bends.
@@ -194,7 +194,7 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 class Bend(eqx.Module):
     """Lateral bend of a path, from `solve_lateral_bend`."""
 
-    kappa: Scalar  # bend, m, right positive
+    kappa: Scalar  # size of the bend as in `bend_trajectory` (not a curvature), m, right positive
     converged: Flag  # whether the path with this bend has the required length
 
 
@@ -208,8 +208,8 @@ def _length_excess(
 ) -> tuple[Scalar, Scalar]:
     """Return the length of a path with a bend of `size` (m) minus the required length, m, and the derivative by `size`.
 
-    `data`, at the nodes of the quadrature rule: slope dr/ds (m) of the path without bend, slope of a bend of 1 m,
-    weights; and the required length (m).
+    `data` has four entries. At the nodes of the quadrature rule: slope dr/ds (m) of the path without bend, slope of a
+    bend of 1 m, and weights. The last entry is the required length (m).
     """
     straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
@@ -232,9 +232,10 @@ def solve_lateral_bend(
 
     Notes
     -----
-    The length L(kappa) is the integral of the norm of an affine function of kappa, hence convex: if L(0) <= length_ref,
-    there is one root on each side. |kappa| times the integral of the bend's slope, minus L(0), is a lower bound of L
-    and brackets the root (theory section 6). Derivatives of the bend are implicit, and zero for a bend fixed at zero.
+    The length L of the path with the bend kappa is convex, as the integral of the norm of an affine function of kappa:
+    if L(0) <= length_ref, there is one root on each side. A lower bound of L brackets the root: |kappa| times the
+    integral of the slope's magnitude for a bend of 1 m, minus L(0) (theory section 6). Derivatives of the bend are
+    implicit, and zero for a bend fixed at zero.
     """
     nodes, weights = jnp.asarray(rule.nodes), jnp.asarray(rule.weights)
     powers = jnp.arange(1, 5)

@@ -46,7 +46,7 @@ class Track:
 
 
 def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
-    """Return the track of the aircraft with an index, at the times with a finite position and attitude."""
+    """Return the track of aircraft number `index`, at the times at which position and attitude are finite."""
     columns = [dataset[name].values[:, index] for name in ("longitude_deg", "latitude_deg", "altitude_m")]
     attitude = np.stack([dataset[name].values[:, index] for name in _QUATERNION])
     name = str(dataset["aircraft"].values[index])
@@ -69,9 +69,10 @@ def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
 
 
 def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, Track]]:
-    """Return (goal's name, track of the rendezvous point) for each goal of the aircraft with an index.
+    """Return (goal's name, track of the rendezvous point) for each goal of aircraft number `index`.
 
-    A track ends at the arrival; if this time is missing, at the planned arrival; if both are missing, with the record.
+    A track ends at the arrival; if this time is missing, at the planned arrival; if both are missing, at the record's
+    end.
     """
     aircraft = summary["aircraft"][index]
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
@@ -116,9 +117,10 @@ def iso_timestamp(start: datetime, time_s: float) -> str:
 def _track_on_local_map(
     dataset: xr.Dataset, name: str, prefix: str, index: int | np.ndarray, is_selected: np.ndarray
 ) -> Track:
-    """Return the track `name` of a goal ("goal_") or rendezvous ("rendezvous_") at the times of a mask.
+    """Return a track with the name `name` of a goal or a rendezvous point, at the times of the mask `is_selected`.
 
-    `index` is the aircraft with the recorded positions, or an array with the aircraft at each time.
+    `prefix` is "goal_" or "rendezvous_". `index` is the index of the aircraft that has this goal or rendezvous, or an
+    array with the index at each time.
     """
     samples = np.arange(dataset.sizes["time"])
     north, east, altitude = (

@@ -116,7 +116,7 @@ def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _label(values: xr.DataArray, dimension: str, index: int) -> str:
-    """Return the coordinate of an entry along a dimension, or the index; special characters become "_"."""
+    """Return the coordinate at `index` of a dimension, or `index` if there is none; special characters become "_"."""
     text = str(values[dimension].values[index]) if dimension in values.coords else str(index)
     return "".join(character if character.isalnum() else "_" for character in text)
 
@@ -131,8 +131,8 @@ def write_campaign_tables(
 
     - `flights.parquet`: inputs and results of each flight, with greatest miss and last arrival (see `worst_of_fleet`)
     - `aircraft.parquet`: results of each aircraft in each flight
-    - `answers.parquet`: quantiles and success probability, with confidence intervals
-    - `indices.parquet`: sensitivity indices
+    - `answers.parquet`: quantiles and success probability, with confidence intervals, from `estimates`
+    - `indices.parquet`: sensitivity indices, from `influences`
 
     Raises ImportError if pyarrow is not installed.
     """
@@ -196,7 +196,7 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Return a column of a table: floats, with NaN for None; objects if `texts` or if a value is a text or boolean."""
+    """Return a column of objects if `texts` is True or a value is a text or boolean, else of floats (NaN for None)."""
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
