@@ -1,5 +1,10 @@
 """Grid, speed steps and limits of a survey follow from the aircraft."""
 
+import dataclasses
+from types import SimpleNamespace
+
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -11,21 +16,24 @@ from anser.analysis.envelope import (
     TOLERANCE,
     accepted_errors,
     command_meanings,
-    default_axes,
+    default_altitudes,
+    default_machs,
     speed_scale,
     survey_limits,
+    trim_map,
 )
 from anser.analysis.margins import survey_margins
+from anser.analysis.surveys import Survey
 from anser.environment import standard_environment
 
 F16, AEROSONDE = load_airframe("f16"), load_airframe("aerosonde")
 
 
 def test_the_f16_keeps_its_grid_steps_and_limits():
-    altitudes, machs = default_axes(F16, standard_environment(), coarse=False)
-    np.testing.assert_array_equal(altitudes, ALTITUDES_M)
-    np.testing.assert_array_equal(machs, MACHS)
-    assert [len(axis) for axis in default_axes(F16, standard_environment(), coarse=True)] == [3, 5]
+    np.testing.assert_array_equal(default_altitudes(F16, coarse=False), ALTITUDES_M)
+    np.testing.assert_array_equal(default_machs(F16, standard_environment(), 250.0, coarse=False), MACHS)
+    assert len(default_altitudes(F16, coarse=True)) == 3
+    assert len(default_machs(F16, standard_environment(), 250.0, coarse=True)) == 5
     np.testing.assert_array_equal(speed_scale(F16, np.array([100.0, 200.0])), 1.0)
     assert command_meanings(F16) == [command.meaning for command in COMMANDS]
     assert float(survey_limits(F16, (100.0, 200.0)).speed_max) == float(survey_limits().speed_max) == 340.0
@@ -35,10 +43,23 @@ def test_the_f16_keeps_its_grid_steps_and_limits():
 
 
 def test_another_aircraft_has_a_grid_within_its_data():
-    altitudes, machs = default_axes(AEROSONDE, standard_environment(), coarse=False)
-    speeds = machs * float(standard_environment().atmosphere.at(float(altitudes[0])).speed_of_sound)
+    lowest = float(default_altitudes(AEROSONDE, coarse=False)[0])
+    machs = default_machs(AEROSONDE, standard_environment(), lowest, coarse=False)
+    speeds = machs * float(standard_environment().atmosphere.at(lowest).speed_of_sound)
     assert (speeds.min(), speeds.max()) == pytest.approx((13.0, 40.0))
     assert 13.0 < speeds.min() < speeds.max() < 40.0
+
+
+def test_given_altitudes_need_no_default_altitude_within_the_data():
+    data = dataclasses.replace(AEROSONDE.validity, altitude=(jnp.asarray(0.0), jnp.asarray(200.0)))
+    low = eqx.tree_at(lambda airframe: airframe.validity, AEROSONDE, data)
+    with pytest.raises(ValueError, match="altitudes_m: arrived None; expected altitudes within the data, 0 to 200 m"):
+        default_altitudes(low, coarse=False)
+    survey = Survey(low)
+    survey.call = lambda *_: SimpleNamespace(trimmable=np.ones(1, dtype=bool))  # nothing is trimmed here
+    grid = trim_map(survey, (100.0,), None, coarse=True)
+    assert grid.altitudes.tolist() == [100.0]
+    assert (grid.airspeeds.min(), grid.airspeeds.max()) == pytest.approx((13.0, 40.0))
 
 
 def test_another_aircraft_has_speed_steps_and_limits_in_proportion():

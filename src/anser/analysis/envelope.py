@@ -138,15 +138,21 @@ def trim_map(
 ) -> TrimMap:
     """Return the trims of all steady flights in `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
 
-    If `altitudes_m` or `machs` is None, the axis is from `default_axes`, with fewer values if `coarse`. Raises
-    ValueError if an axis does not consist of finite, increasing numbers, if a Mach number is negative, if no point of
-    the grid is trimmable, or if the aircraft's data contain no default altitude.
+    If `altitudes_m` is None, the altitudes are `default_altitudes`; if `machs` is None, the Mach numbers are
+    `default_machs` at the lowest altitude of the grid. Raises ValueError if an axis does not consist of finite,
+    increasing numbers, if a Mach number is negative, or if no point of the grid is trimmable.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment
-    default_altitudes, default_machs = default_axes(airframe, environment, coarse=coarse)
-    altitudes = _grid_axis("altitudes_m", altitudes_m, default_altitudes)
-    mach = _grid_axis("machs", machs, default_machs)
+    altitudes = (
+        default_altitudes(airframe, coarse=coarse) if altitudes_m is None else _grid_axis(altitudes_m, "altitudes_m")
+    )
+    lowest = float(altitudes[0])
+    mach = (
+        default_machs(airframe, environment, lowest, coarse=coarse)
+        if machs is None
+        else _grid_axis(machs, "machs", 0.0)
+    )
     speed_of_sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
     airspeeds = speed_of_sound[:, None] * mach[None, :]
     targets = _steady_targets(altitudes, airspeeds, float(environment.gravity))
@@ -156,26 +162,34 @@ def trim_map(
     return TrimMap(altitudes, mach, airspeeds, targets, points, airframe.actuators.is_commanded)
 
 
-def default_axes(
-    airframe: AbstractAirframe, environment: Environment, *, coarse: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the default altitudes (m) and Mach numbers of an aircraft's grid.
+def default_altitudes(airframe: AbstractAirframe, *, coarse: bool) -> np.ndarray:
+    """Return the values of `ALTITUDES_M` (m) within the aircraft's data; every fifth of them if `coarse`.
 
-    The altitudes are the values of `ALTITUDES_M` within the aircraft's data. The Mach numbers are `MACHS` for an F-16,
-    and cover the valid airspeeds at the lowest altitude for another aircraft. `coarse`: every fifth altitude and five
-    Mach numbers. Raises ValueError if no default altitude is within the data.
+    Raises ValueError if no such altitude is within the data.
     """
     if isinstance(airframe, AbstractF16):
-        return ALTITUDES_M[5::5] if coarse else ALTITUDES_M, MACHS[_COARSE_MACHS] if coarse else MACHS
+        return ALTITUDES_M[5::5] if coarse else ALTITUDES_M
     low, high = getattr(getattr(airframe, "validity", None), "altitude", (-np.inf, np.inf))
     altitudes = ALTITUDES_M[(float(low) <= ALTITUDES_M) & (float(high) >= ALTITUDES_M)]
     if not altitudes.size:
         raise ValueError(f"altitudes_m: arrived None; expected altitudes within the data, {low:g} to {high:g} m")
-    slowest, fastest = valid_airspeed_range(airframe)
-    speed_of_sound = float(environment.atmosphere.at(float(altitudes[0])).speed_of_sound)
-    # within the data in spite of rounding
-    machs = np.linspace(slowest * (1 + 1e-9), fastest * (1 - 1e-9), len(MACHS)) / speed_of_sound
-    return altitudes[::5] if coarse else altitudes, machs[_COARSE_MACHS] if coarse else machs
+    return altitudes[::5] if coarse else altitudes
+
+
+def default_machs(
+    airframe: AbstractAirframe, environment: Environment, altitude_m: float, *, coarse: bool
+) -> np.ndarray:
+    """Return the Mach numbers of a grid: `MACHS` for an F-16, otherwise the valid airspeeds at `altitude_m`.
+
+    If `coarse`, the result has five Mach numbers.
+    """
+    machs = MACHS
+    if not isinstance(airframe, AbstractF16):
+        slowest, fastest = valid_airspeed_range(airframe)
+        speed_of_sound = float(environment.atmosphere.at(altitude_m).speed_of_sound)
+        # within the data in spite of rounding
+        machs = np.linspace(slowest * (1 + 1e-9), fastest * (1 - 1e-9), len(MACHS)) / speed_of_sound
+    return machs[_COARSE_MACHS] if coarse else machs
 
 
 def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
@@ -239,13 +253,12 @@ def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float
     return jax.vmap(trim_target)(*(jnp.asarray(values.ravel(), dtype=float) for values in numbers))
 
 
-def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
-    """Return the requested axis of the grid, or `default` if None; raise ValueError if the values are not valid."""
-    axis = default if requested is None else np.asarray(requested, dtype=float)
-    minimum = 0.0 if name == "machs" else -np.inf
+def _grid_axis(values: Sequence[float], name: str, minimum: float = -np.inf) -> np.ndarray:
+    """Return `values` as an axis of the grid; raise ValueError if they do not increase from `minimum` or above."""
+    axis = np.asarray(values, dtype=float)
     increases = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and (np.diff(axis) > 0).all()
     if not increases or axis[0] < minimum:
-        raise ValueError(f"{name}: arrived {requested}; expected finite numbers in increasing order")
+        raise ValueError(f"{name}: arrived {values}; expected finite numbers in increasing order")
     return axis
 
 
@@ -322,7 +335,7 @@ def survey_envelope(
     coarse
         Coarse grid; for the F-16 3 x 5 instead of 16 x 18 points.
     altitudes_m, machs
-        Axes of the grid; None: 250 m to 15 km and Mach 0.15 to 0.95 for the F-16, see `default_axes`.
+        Axes of the grid; None: 250 m to 15 km and Mach 0.15 to 0.95 for the F-16, see `default_altitudes`.
     limits
         Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s
