@@ -63,7 +63,7 @@ class DaveMlEngine(AbstractLaggedEngine):
     # valid range of the tables: m and Mach number
     altitude_range: tuple[Scalar, Scalar]
     mach_range: tuple[Scalar, Scalar]
-    # slope of the thrust outside 0..100 percent of power, N per 100 percent; for trim searches, unused in flight
+    # slope of the thrust where the power is below 0 or above 100 percent, N per 100 percent; for trim searches only
     extrapolation_thrust: Scalar
     point_b: Vector3  # moment reference point of the file relative to the centre of gravity, m
     thrust_factor: Scalar  # factor on thrust and thrust moment; 1 for the values of the file

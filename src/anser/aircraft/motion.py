@@ -50,9 +50,9 @@ def air_data_and_forces(
 ) -> AirDataAndForces:
     """Compute air data, forces and moments of a state at a time (s).
 
-    `rates_air_b` are the body rates (rad/s) relative to the Earth, with which the air rotates. If `rates_air_b` is
-    None, the rates relative to the NED axes are converted, which fails at the poles. `disturbance` None: neither gust
-    nor loss of thrust.
+    `rates_air_b` are the body rates (rad/s) relative to the air without gusts, which rotates with the Earth. None: the
+    rates are computed from `state.rates_b`, relative to the NED axes, which fails at the poles. `disturbance` None:
+    neither gust nor loss of thrust.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)

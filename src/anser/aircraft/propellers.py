@@ -14,7 +14,7 @@ _TINY = 1e-12
 class ElectricPropeller(AbstractLaggedEngine):
     """Electric motor, and a propeller with coefficients quadratic in the advance ratio.
 
-    The motor voltage is proportional to the power setting (percent).
+    The motor voltage is proportional to the power (percent), which is the lagged throttle, not a mechanical power.
 
     Source: R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers:
 
@@ -33,7 +33,7 @@ class ElectricPropeller(AbstractLaggedEngine):
     motor_constant: Scalar  #: Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
     resistance: Scalar  #: Resistance R, ohm.
     no_load_current: Scalar  #: No-load current i0, A.
-    voltage_max: Scalar  #: Motor voltage V_in at a power setting of 100 percent, V.
+    voltage_max: Scalar  #: Motor voltage V_in at a power of 100 percent, V.
     direction: Scalar  #: 1 for a propeller that turns to the right as seen from behind (reaction to the left); else -1.
     lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.

@@ -26,13 +26,13 @@ class GriddedTable(NamedTuple):
 
 
 class SuspectPoint(NamedTuple):
-    """A table entry that departs from its neighbours, or a point at which most tables depart (`table` "all")."""
+    """A table entry that is an outlier, or a point at which most tables have an outlier (`table` "all")."""
 
     table: str
     location: tuple[float, ...]  #: Coordinates along the axes.
     value: float  #: NaN for `table` "all".
     score: float  #: Departure divided by the scatter of the surrounding entries.
-    neighbours: tuple[tuple[float, ...], ...]  #: Locations of nearby entries that depart because of this entry.
+    neighbours: tuple[tuple[float, ...], ...]  #: Locations of nearby entries that are outliers due to this entry.
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
@@ -162,9 +162,9 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Return the absolute departures of the entries in the tests of `suspect_points`, divided by the noise.
+    """Return |departure from the line or mirror image| / noise of each entry in each test of `suspect_points`.
 
-    The shape is (tests, *shape of the table). The departure is 0 at an entry that lacks the neighbours for a test.
+    The shape is (tests, *shape of the table). The value is 0 at an entry that lacks the neighbours for a test.
     """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]

@@ -205,8 +205,8 @@ def level_air_data(
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     """Return the stability and control derivatives by name, such as "Cm_alpha", and the drag coefficient "CD".
 
-    The derivatives are per rad or per dimensionless rate, in straight flight at alpha = 2 deg at sea level. Moments are
-    about the centre of gravity.
+    The derivatives are per rad or per dimensionless rate, in straight flight at sea level, at the middle of the valid
+    airspeeds and at the valid alpha nearest to 2 deg. Moments are about the centre of gravity.
     """
     alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, alpha_min_deg), alpha_max_deg) * DEG_RAD

@@ -198,7 +198,7 @@ def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray
 
 
 def command_meanings(airframe: AbstractAirframe) -> list[str]:
-    """Return the descriptions of `COMMANDS`; speed steps are 1/15 of the airspeed, or 10 m/s for an F-16."""
+    """Return the descriptions of `COMMANDS`; for any aircraft but an F-16, 10 m/s becomes 1/15 of the airspeed."""
     if isinstance(airframe, AbstractF16):
         return [command.meaning for command in COMMANDS]
     return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]

@@ -343,10 +343,10 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """Linearize one sampling step of the aircraft's motion about a trim point.
+    """Linearize one sampling step of the aircraft's motion about the state of the trim point and about `controls`.
 
     The step maps (state, surfaces, throttle) to (next state, `AIR_OUTPUTS` before the step). A state has the elements
-    of `all_states`; `controls` are the surfaces (rad) and the throttle (0 to 1) about which the step is linearized.
+    of `all_states`; `controls` are the surfaces (rad) and the throttle (0 to 1).
     """
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))

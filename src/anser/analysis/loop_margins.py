@@ -194,7 +194,7 @@ class LoopAnalysis(eqx.Module):
 
 
 class LoopResponse(eqx.Module):
-    """Frequency responses of the loops that are broken at one breakpoint each; the remaining loops stay closed."""
+    """Frequency responses with the loop opened at one signal (breakpoint) at a time; all other loops stay closed."""
 
     omega: Float[Array, " frequency"]  # rad/s
     open: Complex[Array, "frequency breakpoint"]  # loop transfer function L of negative feedback
@@ -251,7 +251,7 @@ def _response_at(w: Scalar, step: ScalarLike, A: Array, B: Array, C: Array, D: A
 
 
 def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) -> tuple[Margins, Scalar]:
-    """Return the margins at each breakpoint, and the disk margin for simultaneous changes at all actuators.
+    """Return the margins of the loop opened at each breakpoint, and the disk margin for changes at all actuators.
 
     Margins are meaningful only if the closed loop is stable (`largest_pole`). `response` must be the result of
     `loop_response` for the same loop and step (s).
@@ -367,7 +367,7 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice that selects the actuators among all breakpoints; `breakpoints` is the number of all."""
+    """Return the slice of the surface actuators, the first of the breakpoints; `breakpoints` is their total number."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 

@@ -269,13 +269,13 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
 class InversionPole:
     """Pole of a loop under dynamic inversion in three versions, 1/s in continuous time."""
 
-    # root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0, root
-    # of (1 + K_D) s + K_P
+    # pole of the error dynamics of perfect inversion (theory section 5): root of (1 + K_D) s^2 + K_P s + K_I, or of
+    # (1 + K_D) s + K_P if K_I is 0
     ideal: complex
-    # pole of the loop with a sampling period of 0.5 ms, and with command filters, actuators and engine inversion 10 to
-    # 70 times as fast as published
+    # pole of the loop with a sampling period of 0.5 ms and with the high bandwidths `_LIMIT_BANDWIDTHS`
     limit_pole: complex
-    # accepted |limit_pole - ideal|: |ideal|^2 T, where T adds the sampling period and the lags of `limit_pole`
+    # accepted |limit_pole - ideal|: |ideal|^2 T, where T is the sum of the sampling period 0.5 ms and of the time
+    # constants 1 / bandwidth of the loop's `_LAGS`
     tolerance: float
     sampled_pole: complex  # pole of the loop with the flown sampling period and bandwidths
 

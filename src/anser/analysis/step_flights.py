@@ -161,10 +161,10 @@ _PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}
 
 
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
-    """Return the step tests of an aircraft: each channel of each loop alone, then all channels of a loop together.
+    """Return the step tests of an aircraft: for each loop, a test of each channel, then of all channels together.
 
-    An F-16 has the published tests. Another aircraft has durations that scale with its time constants, and steps of at
-    most 75 % of the bank limit and half of the distance to the limits of alpha, sideslip, airspeed and climb angle.
+    An F-16 has the published tests. For another aircraft, durations are in proportion to its time constants.
+    Steps are at most 75 % of the bank limit, or half of the distance to the alpha, sideslip, airspeed or climb limit.
     """
     if case.derived_defaults is None:
         return PUBLISHED_STEPS

@@ -113,8 +113,8 @@ def _quantile_estimate(
 ) -> QuantileEstimate:
     """Estimate one quantile of `values`, shape (flights,), with its confidence interval.
 
-    The fraction `share` of the flights has values at or below the quantile; at or above if `upper` is False. A missing
-    arrival must have the worst value: infinity, or minus infinity if `upper` is False.
+    The fraction `share` of the flights has values at or below the quantile; at or above if `upper` is False. For a
+    flight without an arrival, the caller must set the value to infinity, or to minus infinity if `upper` is False.
     """
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)

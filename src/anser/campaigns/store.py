@@ -362,7 +362,7 @@ _PIECE = 1 << 26
 def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
     """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`.
 
-    `flights` is the number of all flights, `chunk` is the number of flights per chunk.
+    `flights` is the number of all flights, `chunk` is the number of flights in one chunk of an array.
     """
     names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
     group.create_group(SERIES)

@@ -253,7 +253,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations that a fusion instruction calls; empty if it has no machine code."""
+    """Return the identifiers of the computations that a fusion calls; empty if it is not compiled to machine code."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0

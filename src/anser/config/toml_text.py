@@ -143,9 +143,9 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 
 
 def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
-    """Return problems with line numbers in a TOML text.
+    """Return the problems, each with the number of the line of a TOML text that has the problem's key (`path`).
 
-    `keys` maps problem paths that do not occur in the text to key paths that do.
+    For a path that the text does not contain, `keys` gives the key to look up in its place.
     """
     lines, places = _lines_of(text), keys or {}
     return [
@@ -252,7 +252,7 @@ def _similar_file_hint(path: Path, kind: str) -> str:
 
 
 def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) -> Problem:
-    """Return the problem of a TOML syntax error: position, text of the line, reason, and a suggested correction."""
+    """Return the problem of a syntax error in `text`, from the parser's `message`; for `hint` see `parse_toml`."""
     position = _TOML_PLACE.match(message)
     if position is None:
         return Problem("", "text that is not TOML", message)

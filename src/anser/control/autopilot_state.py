@@ -21,12 +21,12 @@ class ModelResidual(eqx.Module):
         force_residual_b: Vector3,  # measured minus modelled force at the new sample (3,), N
         rates_b: Vector3,  # gyro reading (3,), rad/s
         model_acceleration_b: Vector3,  # modelled angular acceleration at the new sample (3,), rad/s^2
-        bandwidth: ScalarLike,  # of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion)
+        bandwidth: ScalarLike,  # of the residual's low-pass filter, rad/s; 0 (model-based inversion): no change
         step: ScalarLike,  # sampling period, s
         *,
-        is_held: bool = False,  # whether the surfaces had the deflections of the new sample over the whole period
+        is_held: bool = False,  # whether the surfaces had the new sample's deflections during the whole period
     ) -> "ModelResidual":
-        """Return the filtered residual after a new sample."""
+        """Return the residual after the sampling period that ends with a new sample."""
         fade = -jnp.expm1(-bandwidth * step)
         measured_acceleration = (rates_b - self.rates_b) / step
         # Over the period, a perfect model has the mean of both samples; held surfaces have acted as in the new sample.

@@ -8,9 +8,9 @@ and ``decay`` (1/m). The pressure at a height z above the base is ``p exp(-power
 - isothermal layer: ``power`` = 0, ``decay`` = g/(R T);
 - layer between two measured pressures: ``power`` = 0, so that the logarithm of the pressure is linear in altitude.
 
-The first layer continues below its base, the last layer up to any altitude. Two layers may have the same base altitude;
-values at this altitude come from the second layer. The temperature of moist air is the virtual temperature: dry air of
-this temperature has the pressure and the density of the moist air.
+The first layer continues below its base, the last layer up to any altitude. If the first two layers have the same base,
+the first applies below the base, the second from the base upwards. The temperature of moist air is the virtual
+temperature: dry air of this temperature has the pressure and the density of the moist air.
 
 The calibrated airspeed is the true airspeed with the same impact pressure at sea level in the standard atmosphere. The
 impact pressure is isentropic below Mach 1 and behind a normal shock above Mach 1 (Rayleigh's pitot formula). The

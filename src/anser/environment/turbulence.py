@@ -170,7 +170,7 @@ class Turbulence(AbstractGusts):
     def advance(
         self, state: TurbulenceState, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> TurbulenceState:
-        """Return the turbulence state after one sampling period `step` (s)."""
+        """Return the state after one sampling period `step` (s); `normals` are new standard normal random numbers."""
         along, across = self.filters
         lengths, airspeed = self.levels(flow).lengths, jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         spans = step * airspeed / lengths

@@ -188,7 +188,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
     - Airspeed: 1.1 times the least to 0.9 times the greatest airspeed that the aircraft's data and the autopilot's
       limits allow. If that range is narrow, the airspeed covers at least the middle quarter of the allowed airspeeds.
-    - Altitude: 1 km to 8 km, cut to the altitudes of the aircraft's data; all their altitudes if they end below 1 km.
+    - Altitude: 1 km to 8 km, as far as the aircraft's data extend; if the data end below 1 km, their whole range.
 
     Raises ValueError if the controller is not an `InversionAutopilot`, or if no airspeed is allowed.
     """

@@ -1,7 +1,6 @@
-"""Environment of one aircraft for reinforcement learning: observation, step, reward, and reset of an ended episode.
+"""Environment of one aircraft for reinforcement learning, with the functions of gymnax 1.0 such as `reset` and `step`.
 
-The functions follow the interface of gymnax 1.0. All functions are pure and compute one environment; `jax.vmap`
-computes many at once.
+All functions are pure and compute one environment; `jax.vmap` computes many at once.
 """
 
 import abc
@@ -274,7 +273,7 @@ class AircraftEnvironment(AbstractEnvironment):
         return dataclasses.replace(self, transition_gradients_enabled=True)
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)`, called with the episode's case and the aircraft's state."""
+        """Call `function(case, vehicle, *arguments)` once, with case and state of the aircraft; return the result."""
         return function(params.case(state.row), state.vehicle, *arguments)
 
     def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
@@ -327,7 +326,7 @@ class AircraftEnvironment(AbstractEnvironment):
         - altitude 0 m or less
         - angle of attack more than 10 deg outside the aircraft's range
         - infinite or NaN motion
-        - in tasks with a plan, a goal so near that the aircraft must break off
+        - in tasks with a plan: the aircraft must turn away now to keep its least distance from the goal
         - a position or time outside a wind field that has no values beyond its boundary
         - failures of the task (`AbstractTask.has_failed`)
         """

@@ -248,9 +248,10 @@ def record_flight(
 
 @functools.lru_cache(maxsize=4)
 def _recorder(environment: AircraftEnvironment) -> Any:
-    """Return a compiled function that flies a table of actions from the start of an episode.
+    """Return a compiled function `fly(case, start, key, actions, count, params)` that flies and records an episode.
 
-    The function returns recorded variables by key of the catalogue, each with one value per integration step.
+    `fly` flies the first `count` rows of `actions` from the aircraft's state `start` with the random `key`, and returns
+    the recorded variables by key of the catalogue, with one value per integration step.
     """
     steps = environment.decision_steps
 

@@ -195,7 +195,7 @@ class AbstractPlannedTask(AbstractTask):
 
 
 def comes_too_near(situation: Situation) -> Flag:
-    """Whether the aircraft must break off now to keep the least distance to the goal."""
+    """Whether the aircraft must turn away now to keep its least distance from the goal."""
     task, truth, time = situation.case.task, situation.truth, situation.time
     earth = situation.instant.environment.earth
     to_goal_n, goal_velocity_n = earth.sight(
@@ -249,7 +249,7 @@ class PathTracking(AbstractPlannedTask):
         return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the entries of vectors to the planned position now and in 2 s, and of planned minus own velocity."""
+        """Return the entries of three vectors: to the planned position now, and in 2 s; planned minus own velocity."""
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),
             *axes_entries("path_ahead", "m", "m", 500.0, "Planned position in 2 s less present position"),

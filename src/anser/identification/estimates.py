@@ -215,10 +215,10 @@ def coloured_covariance(
     """Compute the covariance of estimated parameters if the errors of the samples are coloured.
 
     The errors of the parameters are A^-1 sum_i S_i^T v_i, where v_i is the error of sample i (theory, identification).
-    The autocovariances of v are estimated from the residuals and tapered to zero (M. S. Bartlett, 1950). Since a fit
-    makes residuals smaller than errors, each variance is divided by the factor by which the variance would be too small
-    for white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model parameters estimated from flight
-    test data*, J. Guidance 20(1), 1997, without taper and division.
+    The autocovariances of v are estimated from the residuals, with weights that fall linearly to 0 with the lag (M. S.
+    Bartlett, 1950). A fit makes residuals smaller than errors; therefore each variance is divided by the ratio (at
+    least 0.1) of estimated to true variance for white errors. Source, without weights and ratio: E. A. Morelli, V.
+    Klein, *Accuracy of aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def coloured_covariance(
     inverse
         A^-1; for least squares, A is the sum of S_i^T S_i.
     is_record
-        True: the samples are a time series. False: the samples are independent, and the errors count as white.
+        True: the samples are a time series, whose errors may be correlated. False: the errors are taken as white.
     """
     count, responses, parameters = sensitivities.shape
     flat = sensitivities.reshape(-1, parameters)

@@ -202,8 +202,8 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
 class _LinearSeries(NamedTuple):
     """Time series of a linear model at the samples of a record.
 
-    `axes` are the first letters of the parameters of each equation, such as Z and M; `names` and `inputs` are the names
-    of states and inputs. `known` is the known part of the states' rates, from gravity and gusts, minus its mean.
+    `axes` has the first letter of each equation's parameters (Z for `Z_alpha`), `names` and `inputs` name the columns
+    of `states` and `u`. `known` is the known part of the states' rates, from gravity and gusts, minus its mean.
     """
 
     axes: tuple[str, ...]

@@ -100,14 +100,14 @@ def arrange(
     *,
     gusts: bool = True,
 ) -> ModelData:
-    """Return the equations of `model` (a name in `MODELS`) with the data of a record.
+    """Return the equations of `model` (a name in `MODELS`), with series from a record for response and regressors.
 
     In turbulence, the pitch and yaw rates of the air are the regressors `q_gust` and `r_gust`; `gusts=False` omits them
     from the linear models `short-period` and `lateral`. `accelerometer_m` is the position of the accelerometers
     relative to the centre of gravity, body axes, m.
 
-    Raises ValueError if the record lacks a channel, no surface moved, a state of a linear model or every coefficient
-    lacks excitation, or the model `derivatives` has no airframe.
+    Raises ValueError if the record lacks a channel, if no surface moved, or if `airframe` is None for `derivatives`;
+    also if one state of a linear model, or every flow angle and rate for `derivatives`, varies no more than its noise.
     """
     if model == "derivatives":
         if airframe is None:

@@ -191,8 +191,8 @@ def flight_record(
     surfaces
         Names of the control surfaces; None: the names in the dataset's attributes or, if absent, the standard surfaces.
     gap_max_s
-        Longest interval between samples, or stretch of missing values (NaN) of a channel, that is interpolated, s.
-        Intervals up to 1.5 times their median are interpolated in any case.
+        Longest gap that is interpolated, s: interval between samples, or missing values (NaN) in a channel. An interval
+        up to 1.5 times the median interval is interpolated even if it is longer than `gap_max_s`.
 
     Raises
     ------

@@ -180,7 +180,7 @@ class LiveServer:
     in_notebook
         Whether notebooks on this machine may show the page inline.
     prepares
-        Whether a process of low priority compiles the programs for refusals and flights in advance.
+        Whether a process of low priority compiles programs in advance: to fly, and to explain a refused plan.
     """
 
     def __init__(

@@ -294,8 +294,8 @@ class EventSchedule:
     def steps_until_next(self, sample: int, steps_max: int) -> int:
         """Return the number of steps from `sample` to the next event, at most `steps_max`.
 
-        After an event of a goal (`GOAL_EVENTS`), the last step is at the latest the step at the next replanning time,
-        because `check_replanning` must follow.
+        After an event of a goal (`GOAL_EVENTS`), no step follows the step that begins at the next replanning time,
+        because `check_replanning` must come next.
         """
         steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:

@@ -377,7 +377,7 @@ def _fly_batch(
 
 
 def _start_planning_programs(scenario: Scenario, flight: Flight, flights: _FlightBatch) -> None:
-    """Start to compile the programs that trim a batch and search for the plan of a single flight."""
+    """Start to compile two kinds of programs: trim of the whole batch, and search for a plan of one flight."""
     _, tasks = _trim_and_build_tasks.prepare(flights).start().shapes
     one_flight = jax.tree.map(lambda shape: jax.ShapeDtypeStruct(shape.shape[1:], shape.dtype), tasks)
     start_search_programs(scenario, aircraft_planner(flight), one_flight)

@@ -174,11 +174,11 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
 
 
 def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
-    """Return a finished plan for the flight of `scenario`, which may have user-defined parts that the plan lacks.
+    """Return the plan `planned` for the flight of `scenario`, which may have additional user-defined parts.
 
-    The flight uses the same random numbers as the planning. Raises ValueError if the plan is the plan of another
-    scenario, or was made with other user-defined parts or another planner. Raises ScenarioError if an aircraft cannot
-    be trimmed at its start.
+    The flight uses the random numbers with which the plan was made. Raises ValueError if the plan was made for another
+    scenario, with another planner, or with user-defined parts that `scenario` lacks or replaces. Raises ScenarioError
+    if an aircraft cannot be trimmed at its start.
     """
     if planned.scenario == scenario:
         return planned

@@ -118,8 +118,8 @@ _LEAST = 0.05  # least deceleration, as a ratio to the deceleration at the start
 class IdleDeceleration(eqx.Module):
     """Deceleration with idle thrust, (drag - thrust) / mass, as a table over airspeed; stacked for a fleet.
 
-    The values are ratios to the deceleration at the start (see `Performance.idle`), linear between the airspeeds of the
-    table and constant beyond. The methods take one airspeed (m/s) and load factor, or arrays of equal length.
+    The values are ratios to the level deceleration at the flight's start (see `Performance.idle`), linear between the
+    airspeeds of the table and constant beyond. The methods take an airspeed (m/s) and a load factor, or two arrays.
     """
 
     speeds: Float[Array, "*aircraft entries"]  # airspeeds of the table, rising, m/s
@@ -127,7 +127,7 @@ class IdleDeceleration(eqx.Module):
     by_lift: Float[Array, "*aircraft entries"]  # part of `level` due to lift, proportional to (load factor)^2
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Return the deceleration at an airspeed (m/s) as a ratio to the deceleration at the start; at least `_LEAST`.
+        """Return the deceleration at an airspeed (m/s) as a ratio to that at the flight's start; at least `_LEAST`.
 
         A load factor below 1 reduces the drag due to lift; a load factor above 1 has no effect here, see `rise`.
         """
@@ -140,10 +140,7 @@ class IdleDeceleration(eqx.Module):
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the additional deceleration due to a load factor above 1, as a ratio to the deceleration at the start.
-
-        The result is 0 for a load factor up to 1.
-        """
+        """Return the increase of `share` due to a load factor above 1; 0 for a load factor up to 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 

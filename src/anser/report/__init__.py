@@ -2,17 +2,21 @@
 
 ==========================  ========================================================================================
 ``flight_page``             report page of a flight, or of two flights side by side
-``flight_data``             data of the page (``derived_variables``: variables, events; ``flight_margins``: margins)
-``flight_figures``          figures of a flight by name; ``flight_sheet``: their common layout
-``flight_tracks``           the figure of the map; ``flight_histories``: the figures over time
-``aircraft_flight``         figures and page of one aircraft's flight (``adaptation_figures``: its estimates)
-``aircraft_figures``        airframe, deep stall, steps, tracking; ``envelope_figures``: flight envelope
-``campaign_page``           report page of a campaign (``campaign_data``: content); ``campaign_figures``: for print
-``plan_figures``            figures of a plan; ``robustness_figures``: of a robustness study
-``identification_figures``  figures and page of an identification
+``campaign_page``           report page of a campaign
+``identification_figures``  figures and report page of an identification
+``aircraft_flight``         figures and report page of one aircraft's flight
+``..._figures``             other modules with this ending: figures for print of the subject in the name
+``..._data``                content of the report page of the subject in the name
+``derived_variables``       variables, limits and events of a flight's page
+``flight_margins``          margins of a flight to requirements and limits
+``flight_sheet``            common layout of a flight's figures
+``flight_tracks``           figure of a flight as a map
+``flight_histories``        figures of a flight over time
 ``exports``                 files for other programs: KML, CZML, CSV, Parquet, MATLAB
-``style``                   colours, line styles and figure files; ``labels``: texts in figures
-``page_templates``          HTML from templates; ``svg_charts``: charts in pages
+``style``                   colours, line styles and figure files
+``labels``                  texts in figures
+``page_templates``          HTML of pages from templates
+``svg_charts``              charts in pages
 ``estimates``               estimates of adaptive autopilots: names and true values
 ==========================  ========================================================================================
 """

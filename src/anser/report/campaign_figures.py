@@ -113,7 +113,7 @@ def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.nda
 
 
 def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Draw the greatest miss of each flight over an input; flights with infinite miss stand at the upper edge."""
+    """Draw each flight's greatest miss over the input `path`; a cross at the upper edge marks an infinite miss."""
     x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
     _draw_outcomes(axes, x, y, succeeded)
     for value in x[~np.isfinite(y)]:

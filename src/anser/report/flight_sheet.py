@@ -143,7 +143,7 @@ class FlightSheet:
         return line_style.properties
 
     def plot(self, axes: "Axes", line_style: LineStyle, x: np.ndarray, y: np.ndarray) -> None:
-        """Draw an aircraft's line; in a small fleet, the line has markers at samples that differ between aircraft."""
+        """Draw an aircraft's line; in a small fleet with markers, whose positions are staggered among the aircraft."""
         step = max(x.size // _MARKERS_PER_LINE, 1)
         markers = (line_style.index * step // self.count, step) if self.has_few_aircraft else None
         properties = self.line_properties(line_style)

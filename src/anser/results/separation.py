@@ -32,7 +32,7 @@ def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
 
 
 def is_judged_by_separation(summary: Mapping[str, Any]) -> bool:
-    """Whether a summary's requirements include a separation of the aircraft; also True for a single aircraft."""
+    """Whether a flight's requirements include a separation; True for a single aircraft, which needs no separation."""
     names = (entry["name"] for entry in summary["requirements"])
     return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
 

@@ -2,7 +2,7 @@
 
 Limits and gains that the scenario omits are derived from the nominal airframe before the flight, at the start altitude
 (rounded to 500 m) and the preferred airspeed. Limits follow from a trim map; gains follow from actuators, engine and
-control authority in the trim. Exception: the library's F-16 has published gains and the scenario's default limits.
+control authority in the trim. Exception: the library's F-16 has the published gains and the schema's limits.
 """
 
 import dataclasses

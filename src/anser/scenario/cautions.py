@@ -89,7 +89,7 @@ _LOOPS = ("rates", "attitude", "velocity")
 
 
 def _gain_cautions(scenario: Scenario, with_trim_maps: bool) -> list[str]:
-    """Return cautions for nested loops with bandwidths too close together, if the file gives the gains of a loop."""
+    """Return cautions about nested loops with bandwidths too close together, for aircraft with gains in the file."""
     return [
         f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth of '
         f"{pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with {pair.inner_bandwidth:.3g} 1/s, a "

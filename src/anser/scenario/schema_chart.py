@@ -49,7 +49,7 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return defect and remedy (other than a new origin) as texts if the chart at a latitude is unfit, or None."""
+    """Return defect and remedy of a local map at a latitude, None if it is fit; the remedy keeps the origin."""
     fastest, duration_s = max(scenario.aircraft, key=scenario.speed_for), scenario.timing.duration_s
     speed_m_s = scenario.speed_for(fastest)
     if scenario.earth.model == "wgs84":

@@ -246,7 +246,7 @@ def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: boo
 
 
 def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:
-    """Build the error of a part's method; the texts say what the method gave (`arrived`) and what was `expected`."""
+    """Build the error for a part (of a `kind`) whose method returned or raised `arrived` in place of `expected`."""
     return problem_error(_SOURCE, arrived, expected, f"{kind} {type(part).__qualname__}.{method}")
 
 

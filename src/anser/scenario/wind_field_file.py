@@ -75,7 +75,7 @@ class WindField:
         return heights.min(axis=0), heights.max(axis=0)
 
     def around(self, longitude_deg: float) -> "WindField":
-        """Return a field around the globe with its seam (first and last meridian) opposite a longitude, deg.
+        """Return a global field, rearranged to begin and end at the meridian opposite to `longitude_deg`.
 
         A field in metres, or a field that does not span all longitudes, is returned unchanged.
         """

@@ -90,7 +90,7 @@ class TrackingEstimator(AbstractEstimator):
     #: Filter of the goal's motion; None: the motion follows from the reading's line of sight (theory section 7).
     goal: AbstractGoalFilter | None = None
     briefing: Briefing | None = None  #: Knowledge of the goal before the flight; must be set if `goal` is set.
-    #: Airframe that estimator and controller assume; None: the true airframe at the start.
+    #: Airframe with which estimator and controller compute; None: the true airframe at the start of the flight.
     model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:

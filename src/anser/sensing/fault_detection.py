@@ -34,9 +34,9 @@ ICE_DRAG, ICE_LIFT = 0.2, 0.1
 class FaultDetection(eqx.Module):
     """Settings of the fault detection.
 
-    The missing coefficients are measured minus modelled coefficients. The energy is the integral of (missing
-    coefficient / noise deviation)^2 over the exponential window, s. A fault is reported if it meets all least values
-    below for the time `confirmation`.
+    The missing coefficients are the measured minus the modelled aerodynamic coefficients. Their energy is the integral
+    of (missing coefficient / standard deviation of its noise)^2 over an exponential window, s. A fault is reported when
+    it has met every least value below for the time `confirmation`.
     """
 
     window: Scalar  #: Time constant of the exponential window, s.

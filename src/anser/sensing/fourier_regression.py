@@ -215,9 +215,9 @@ class _EndWeights:
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
-        """Return covariance and pseudo-covariance (see `_Projector`) of the noise in the residual of an equation.
+        """Return covariance and pseudo-covariance (see `_Projector`) of an equation's noise n at the frequencies.
 
-        The noise is `sum_factor` * transform + `end_factor` * end term of white noise with variance 1.
+        n = `sum_factor` * X + `end_factor` * E: X is the transform and E the end term of a white signal of variance 1.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)

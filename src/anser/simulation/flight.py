@@ -315,9 +315,9 @@ def send_to_hold(
 def step_fleet(
     flight: Flight, state: FlightState, sample: Integer, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
-    """Fly the fleet over one step; return the next state, and sample and instant at the start of the step.
+    """Fly the fleet over step number `sample`; return the next state, and quantities and instant at the step's start.
 
-    `sample` is the index of the sample; `one_kernel`: see `fly`.
+    `one_kernel` has the same meaning as in `fly`.
     """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     perceptions, reports = fleet_reports(flight, state, instant)

@@ -192,7 +192,7 @@ class SteppedPath(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the path command (see `step_command`), the aircraft's own position (NED, m), and None."""
+        """Return the path command, the own position in place of a position to follow (NED, m), and no state (None)."""
         return step_command(self.target, self.size, instant.time), belief.state.position_n, None
 
 

@@ -214,7 +214,7 @@ class AircraftModel:
 
 
 def _still_air(start: Any) -> Environment:
-    """Return still air over a flat Earth; the atmosphere is standard unless `start` is a trim in another atmosphere."""
+    """Return still air over a flat Earth, in the atmosphere of `start` if `start` is a trim, or in the standard one."""
     environment = standard_environment()
     return (
         dataclasses.replace(environment, atmosphere=start.atmosphere) if isinstance(start, TrimResult) else environment

@@ -70,8 +70,8 @@ class TrimPoint(eqx.Module):
     beta: Scalar  #: Sideslip, rad.
     power: Scalar  #: Engine power that balances the forces, percent; outside 0..100 if the engine cannot deliver it.
     converged: Flag  #: Whether the equations are solved (residual below 1e-8 g and rad/s^2).
-    #: Largest remaining acceleration, g and rad/s^2; infinite if the target has a pitch rate together with a turn or
-    #: path rate, which defines no flight.
+    #: Largest remaining acceleration, g and rad/s^2; infinite for a contradictory target, with a pitch rate and also a
+    #: turn rate or path rate.
     residual: Scalar
     #: Sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside the limits.
     excess: Scalar
@@ -132,7 +132,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the accelerations in body axes (g and rad/s^2) that the unknowns x leave; all are 0 for a solution."""
+    """Return the accelerations (body axes, g and rad/s^2) that remain at the unknowns `x`; 0 in a steady flight."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -179,11 +179,11 @@ def solve_trim(
     """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
     Body velocity and body rates are constant, and the side force vanishes (coordination, [SL] section 3.6); an aircraft
-    without yaw control may have a side force. Over a round Earth, "constant" refers to the travelling NED axes. Limits
-    are not enforced: see `trim_violations`. The result is the first of these that exists:
+    without yaw control may have a side force. The rates are relative to the NED axes at the aircraft, which turn as the
+    aircraft travels over a round Earth. The result is the first of these that exists:
 
     - the solution inside the limits with the smallest angle of attack
-    - the solution with the least excess over the limits
+    - the solution with the least excess over the limits; `trim_violations` lists the violated limits
     - the attempt with the least residual
 
     Differentiable by the implicit function theorem, first derivatives only.

@@ -86,8 +86,8 @@ def printed_block(
 def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
     """Return the tolerance of each printed number: half a unit of its last digit.
 
-    Numbers of 1000 or more have four digits, numbers below 0.001 have one, other numbers have three. The tolerance of a
-    printed 0 is half the smallest unit in its row.
+    Numbers of 1000 or more are printed with four significant digits, numbers below 0.001 with one, other numbers with
+    three. A printed 0 has the least tolerance of the other numbers in its row.
     """
     size = np.abs(printed)
     digits = np.where(size < 1e-3, 1, np.where(size >= 1000, 4, 3))

@@ -118,7 +118,7 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
+    """Candidate paths, routes before splines; leading axes (aircraft, candidate), or (candidate) for one aircraft."""
 
     generator: Int[Array, "*aircraft candidates"]  # `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
     valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists and keeps its aircraft's limits
@@ -128,7 +128,7 @@ class Candidates(eqx.Module):
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track  # positions at the sample times that are common to the fleet
     penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
-    # routes of all candidates except the splines, and their profiles of altitude and airspeed, shape (aircraft,
+    # routes of all candidates except the splines, and profiles of altitude and airspeed, with leading axes (aircraft,
     # profile); None if all candidates are splines
     routes: Routes | None
     profiles: TabulatedProfile | None
@@ -441,9 +441,9 @@ def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, .
 
 
 def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:
-    """Return absent candidates for the fleet of `base`, as many as `candidate_set` has; NumPy arrays.
+    """Return placeholders for the candidates of `candidate_set`, for the fleet of `base`; NumPy arrays.
 
-    Absent candidates fill arguments of a compiled program; they are never chosen, because their cost is `ABSENT`.
+    The compiled choice requires the argument even if the set is not generated. The cost `ABSENT` prevents the choice.
     """
     routed, profiles, splines = candidate_set.routed_count, len(candidate_set.speeds), candidate_set.max_splines
 

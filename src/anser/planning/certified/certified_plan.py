@@ -453,7 +453,7 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
 
 
 def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the compiled programs that generate extra candidates, one at a time."""
+    """Yield one by one the programs that generate `EXTRA_SETS`, for aircraft without a feasible standard candidate."""
     durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
     for kind in EXTRA_SETS:

@@ -143,10 +143,10 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 def _make_direct(
     initial: RollOut, aim: _Aim, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """Build the direct path from turn angles (rad), turn radii (`scales`), and lengths and miss distance (`aim`).
+    """Build the direct path with turn angles (rad) and `scales` (turn radii over the tightest radius).
 
-    The path exists if `may_exist` is set, the straight part is not negative and the end is reached. If the path does
-    not exist, the length is `_LENGTH_MAX`.
+    `aim` is the result of `_aim` for this path; `initial` is the roll-out before the first turn. The path exists if
+    `may_exist` is set, the straight part is not negative and the end is met; if not, the length is `_LENGTH_MAX`.
     """
     is_hit = jnp.abs(aim.miss) <= _END_TOLERANCE * jnp.abs(aim.length) + 1e-6
     exists = may_exist & is_hit & (aim.straight >= 0.0)
@@ -355,10 +355,10 @@ def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLe
 def widen_detour(
     endpoints: PathEndpoints, wide: DirectPath, detour: Detour, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
-    """Return the detour of a target length (m) with turns as wide as its legs allow.
+    """Find a path of a target length (m) with the shape `detour`, and with turns as wide as its legs allow.
 
-    `wide` are the direct paths of `widen_directs`. `tight` is the detour with the tightest turns, which is the result
-    if no wider turns fit.
+    `wide` are the direct paths from `widen_directs`, from which wider turns depart. `tight` is the solution with the
+    tightest turns, which is returned if no wider turns fit.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))

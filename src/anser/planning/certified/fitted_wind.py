@@ -136,7 +136,7 @@ def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
 
 
 def _to_coordinate(field: FieldSamples, axis: int, length_m: np.ndarray) -> np.ndarray:
-    """Convert lengths on the map (m) to coordinates of a horizontal axis of the field (rad, or m for axes in m)."""
+    """Convert distances from the map's origin (m) to coordinates of the field: angles (rad), or equal if in m."""
     return length_m if field.radii_m is None else np.arctan(length_m / field.radii_m[axis])
 
 

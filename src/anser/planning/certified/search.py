@@ -133,7 +133,7 @@ class FleetTask:
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
 
     def common_intervals(self, arrivals: Sequence[Intervals]) -> Intervals:
-        """Return the intervals of the first arrival, s, for which each active aircraft alone can arrive at its offset.
+        """Return intervals of the first arrival time, s, for which every active aircraft can arrive `offsets` later.
 
         `arrivals` are each aircraft's reachable intervals. Results begin by `latest_first_s`, but may end later.
         """
@@ -218,10 +218,10 @@ class _DelayedTimes:
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _DelayedTimes:
-    """Return the admissible arrival times of a group of aircraft that are delayed together.
+    """Return the admissible arrival times of a group of aircraft (`indices`) that are delayed together.
 
-    times = offset + factor * (`first_times` - offset), with the offsets of the arrival rule and the powers of
-    `DELAY_RATIO` in [`delay_min`, `delay_max`) as factors.
+    times = offsets + factor * (`first_times` - offsets), with `offsets` of `FleetTask`. The factors are the powers of
+    `DELAY_RATIO` from `delay_min` to below `delay_max`.
     """
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
@@ -547,7 +547,7 @@ class _Search:
         return self.standard[1]
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
-        """Return the attempt with the mask of failed aircraft; holds are checked only if every path is proven."""
+        """Return the attempt; an aircraft fails if it lacks a proven path or, with all paths proven, lacks a hold."""
         failed = self.fleet.active & ~np.asarray(plan.feasible)
         if failed.any():
             return _Attempt(times, candidate_set, failed, plan, fails_after_arrival=False)

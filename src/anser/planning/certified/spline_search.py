@@ -252,8 +252,8 @@ def find_splines(
 ) -> Splines:
     """Find spline trajectories with which one aircraft arrives after a duration (s), from `starts` random guesses.
 
-    Returns the `max_splines` splines with the smallest violations of the limits, valid or not. `intervals`, the number
-    of equal intervals between the knots of a path, must be a multiple of `CELLS`. Not differentiable.
+    Returns the `max_splines` splines with the smallest violations of the limits, even if limits are violated; all
+    derivatives are 0. `intervals`, the number of equal intervals between a path's knots, must be a multiple of `CELLS`.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem

@@ -166,7 +166,7 @@ class ArrivalMotion(eqx.Module):
 
     climb: Scalar  # vertical speed over the ground, up positive, m/s
     heading: Scalar  # rad
-    heading_free: Flag  # True: not prescribed; `heading` then follows from the straight line over the ground
+    heading_free: Flag  # whether no heading is prescribed; `heading` is then that of the line to the rendezvous
     attainable: Flag  # whether the prescribed motion can be flown at this airspeed in this wind
 
 
@@ -333,19 +333,19 @@ class TimedProfile(eqx.Module):
 
     table: TabulatedProfile  # profile with length and drift
     endpoints: PathEndpoints  # start, end and turn limits of its horizontal path
-    direct: DirectPath  # direct paths of the four words, the shortest first
+    direct: DirectPath  # four direct paths, with the turns right or left as in `WORDS`; the shortest first
     wide_directs: DirectPath  # direct paths with wider turns: (rank of the direct path, width)
     speed: Scalar  # mean airspeed, m/s
     within_limits: Flag  # whether the profile keeps its limits and the prescribed motion at the arrival can be flown
 
 
 class ProfilePaths(NamedTuple):
-    """A profile of altitude and airspeed, the conditions of its horizontal path, and its direct paths."""
+    """A profile of altitude and airspeed, and the horizontal direct paths (turn, straight line, turn) that fit it."""
 
     table: TabulatedProfile  # profile with length and drift
     arrival: ArrivalMotion  # motion at the arrival
-    endpoints: PathEndpoints  # start, end and turn limits of the horizontal path
-    directs: DirectPath  # direct paths of the four words, the shortest first
+    endpoints: PathEndpoints  # start, end and turn limits of the direct paths
+    directs: DirectPath  # four direct paths, with the turns right or left as in `WORDS`; the shortest first
 
 
 def profile_paths(

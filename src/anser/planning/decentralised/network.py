@@ -60,7 +60,7 @@ class Network(eqx.Module):
     slots: int = eqx.field(static=True)  # length of the ring buffer in exchanges; must be greater than `delay`
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
-        """Return the state before the first exchange: every aircraft knows all `clocks` (s), and no offer was made."""
+        """Return the state before the first exchange: all aircraft know all clock readings `clocks` (s), no offers."""
         count = clocks.shape[0]
         pairs, zero = (count, count), jnp.zeros((count, count), dtype=jnp.int32)
         knowledge = KnowledgeMatrix(

@@ -157,14 +157,14 @@ class DecentralisedPlanState(eqx.Module):
     plan: CertifiedPlan  # plan with the flown paths; times of the plan are readings of the aircraft's `clocks`
     replanning: Array  # origin of the plan: FIRST_PLAN, ... of `anser.planning.certified.replanning`
     limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
-    exchange: Exchange  # state of the agreement on paths
-    clocks: Clocks
-    network: NetworkState
+    exchange: Exchange  # offered, agreed and acknowledged paths
+    clocks: Clocks  # clocks by which the aircraft fly along their paths
+    network: NetworkState  # links, messages under way, and knowledge of each aircraft
     time: Scalar  # flight time, s
     replan_needed: Flag  # whether an aircraft must search for another path
     waits: Bool[Array, " aircraft"]  # mask of the aircraft whose newly agreed path has not begun
     first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, s
-    delays: Float[Array, " aircraft"]  # greatest requested delay of the fleet's arrivals that each aircraft knows, s
+    delays: Float[Array, " aircraft"]  # greatest delay of all arrivals that an aircraft requested or heard of, s
 
 
 class _Correction(eqx.Module):
@@ -212,11 +212,11 @@ class DecentralisedPlanner(AbstractPlanner):
     """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network."""
 
     searches_often: ClassVar[bool] = True
-    # planner by which each aircraft plans; this planner's separation must include twice the `tube`, and the distance
-    # flown in the greatest difference of two clocks
+    # planner by which each aircraft plans. Its separation must exceed the required separation by twice the `tube`, plus
+    # the distance flown in the greatest time by which two aircraft's `Clocks` differ
     aircraft_planner: CertifiedPlanner
     network: Network  # communication network
-    gains: CoordinationGains  # gains of the clocks' coordination
+    gains: CoordinationGains  # gains by which an aircraft adjusts its clock to the other clocks
     tube: Scalar  # greatest distance of a flown path from the agreed path, m
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:

@@ -67,7 +67,7 @@ def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: Guidanc
 
 
 class _HoldOption(eqx.Module):
-    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet."""
+    """Candidate hold of one aircraft, with the approach before the hold; with a leading axis, of each aircraft."""
 
     path: TimedPath  # path of the hold
     circle: HoldCircle  # circle of the hold

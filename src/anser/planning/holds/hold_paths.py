@@ -122,9 +122,9 @@ def goals_have_shifted(
     """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
     The shift is the deviation of the goals' relative position from the forecast, as expected at the pair's first
-    arrival. A pair is marked if shift / separation exceeds the pair's clearance ratio minus 1 by 0.05 and, with
-    `covariances`, the shift is significant (`exceeds_uncertainty`). Pairs with an inactive or arrived aircraft are
-    never marked.
+    arrival. A pair is marked if shift / separation > max(clearance_ratio - 1, 0) + 0.05 with the ratio in `holds`. If
+    `covariances` are given, the shift must be significant, too (`exceeds_uncertainty`). A pair with an inactive or
+    arrived aircraft is never marked.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
@@ -321,7 +321,7 @@ def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Ar
 def join_tracks(
     approach_track: Track, hold_track: Track, times: Float[Array, " instants"], arrival: ScalarLike
 ) -> Track:
-    """Join the tracks of an approach and its hold at `times` (s); at the arrival, the error bound covers both."""
+    """Join the tracks of an approach and its hold at `times` (s), with the greater error bound where both are flown."""
     holding, underway = is_holding(times, arrival), times[:-1] < arrival
     error_bound = jnp.maximum(
         jnp.where(holding, hold_track.error_bound, 0.0), jnp.where(underway, approach_track.error_bound, 0.0)

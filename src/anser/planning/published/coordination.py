@@ -123,7 +123,7 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Return the length of each nominal trajectory minus `path_length_deficit`, m."""
+    """Return for each aircraft the length of the nominal trajectory minus `PlanningTask.path_length_deficit`, m."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)

@@ -90,7 +90,7 @@ class Clock(eqx.Module):
 
 
 class Cell(eqx.Module):
-    """Section of a path between two values of the path parameter, s and s + width.
+    """Section of a path between two values of the path parameter s (0 to 1 along the whole path, no unit).
 
     The rows of the arrays are the nodes of the quadrature rule in the section, then the end of the section.
     """
@@ -101,7 +101,7 @@ class Cell(eqx.Module):
     energy_gain: Float[Array, " rows"]
 
     def time(self, speeds: Float[Array, " rows"], width: ScalarLike) -> Scalar:
-        """Return the flight time, s, for airspeeds at the rows (m/s) and the cell's `width` in the path parameter."""
+        """Return the flight time (seconds) for airspeeds (m/s) at the rows; the path parameter rises by `width`."""
         weighted = jnp.asarray(_RULE.weights, speeds.dtype) * self.slopes[:-1]
         return width * jnp.sum(weighted / speeds[:-1])
 
@@ -239,10 +239,10 @@ def published_law() -> TimeLaw:
 
 
 class _Profile(eqx.Module):
-    """Data for the even law of one path, before the braking (m/s^2) is solved."""
+    """Data for the even law of one path, before the braking (m/s^2) is solved; the nodes are the ends of the cells."""
 
     cells: Cell  # sections of the path
-    lengths: Float[Array, " nodes"]  # length from the start to the ends of the cells, m
+    lengths: Float[Array, " nodes"]  # length from the start, m
     energy_gain: Float[Array, " nodes"]  # potential energy per mass released since the start, m^2/s^2
     exchange: Scalar  # as in `TimeLaw`
     speed_0: Scalar  # airspeed at the start, m/s
@@ -250,11 +250,11 @@ class _Profile(eqx.Module):
     slowest: Scalar  # as in `TimeLaw`
 
     def squares(self, braking: Scalar) -> Float[Array, " nodes"]:
-        """Return the square of the airspeed demanded at s = k / CELLS with a braking (m/s^2), m^2/s^2."""
+        """Return the square of the airspeed (m^2/s^2) that a braking (m/s^2) demands at the nodes."""
         return self.speed_0**2 + 2 * (self.exchange * self.energy_gain - braking * self.lengths)
 
     def times(self, braking: Scalar) -> Float[Array, " nodes"]:
-        """Return the times at s = k / CELLS with a braking (m/s^2), s after the start."""
+        """Return the times at the nodes, in seconds after the start, with a braking (m/s^2)."""
 
         def time(cell: Cell, square: Scalar) -> Scalar:
             squares = square + 2 * (self.exchange * cell.energy_gain - braking * cell.lengths)

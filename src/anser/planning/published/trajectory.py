@@ -192,9 +192,9 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """Lateral bend of a path, from `solve_lateral_bend`."""
+    """Sideways shift of a path that gives the path a required length, from `solve_lateral_bend`."""
 
-    kappa: Scalar  # size of the bend as in `bend_trajectory` (not a curvature), m, right positive
+    kappa: Scalar  # 16 times the sideways shift of the path's middle (see `bend_trajectory`), m, right positive
     converged: Flag  # whether the path with this bend has the required length
 
 
