@@ -380,7 +380,12 @@ def test_narrow_ranges_of_airspeed_have_starts():
 
 @pytest.mark.parametrize(
     ("data_m", "flown_m"),
-    [((-100.0, 800.0), (-100.0, 800.0)), ((1500.0, 20e3), (1500.0, 8e3)), ((0.0, 3e3), (1e3, 3e3))],
+    [
+        ((-100.0, 800.0), (-100.0, 800.0)),
+        ((1500.0, 20e3), (1500.0, 8e3)),
+        ((0.0, 3e3), (1e3, 3e3)),
+        ((9e3, 12e3), (9e3, 12e3)),
+    ],
 )
 def test_starts_are_within_the_altitudes_of_the_data(data_m, flown_m):
     vehicle, _ = single_aircraft("aerosonde", {})

@@ -152,13 +152,16 @@ def test_an_aircraft_with_a_path_but_no_interval_does_not_exclude_a_common_time(
     """The search covers more times than the intervals: the separation is the remaining reason."""
     monkeypatch.setattr(refusal, "_conflicting_rendezvous", lambda *_: [])
     monkeypatch.setattr(refusal, "_largest_feasible_separation", lambda *_: refusal.Refusal("separation"))
-    scenario = SimpleNamespace(aircraft=[SimpleNamespace(name=name) for name in NAMES], keep_out=[])
+    scenario = SimpleNamespace(
+        aircraft=[SimpleNamespace(name=name) for name in NAMES], keep_out=[], fleet=SimpleNamespace(airspeed_key="mach")
+    )
     fleet = SimpleNamespace(request=ArrivalRequest("together", 600.0))
     outcome = make_outcome([True] * 3, [True] * 3)
     for intervals, expected in (([], "separation"), ([(300.0, 400.0)], "no arrival time up to 600 s is open to all")):
         arrivals = [intervals, [(120.0, 200.0)], [(80.0, 600.0)]]
         (reason,) = refusal.diagnose_refusal(scenario, fleet, dataclasses.replace(outcome, arrivals=arrivals))
         assert reason.startswith(expected)
+    assert reason.keys == ("arrival.rule", "fleet.mach", "timing.duration_s")
 
 
 @pytest.mark.parametrize(

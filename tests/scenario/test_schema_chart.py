@@ -67,6 +67,9 @@ def test_an_origin_where_north_turns_too_fast_is_refused():
     problem = _refusal(87.0)
     assert "where north turns by 0.026 deg/s under a flight east at 150 m/s" in problem.arrived
     assert problem.expected.startswith("86.1 or nearer to the equator")
+    assert "a slower fleet (fleet.speed_m_s)" in problem.expected
+    by_mach = re.sub(r"(\[fleet\][^\[]*)speed_m_s = 150.0", r"\1mach = 0.45", TEXT)
+    assert "a slower fleet (fleet.mach)" in _refusal(87.0, text=by_mach).expected
     assert _at(87.0, text=TEXT.replace("speed_m_s = 150.0", "speed_m_s = 112.0"))
     assert _at(87.0, "flat")
 

@@ -96,7 +96,8 @@ class AbstractAirframe(eqx.Module):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the aerodynamic force (N) and the moment about the centre of gravity (N m), in body axes.
 
-        `rates_b` are the body rates relative to the air, rad/s; `surfaces` are the deflections, rad.
+        `rates_b` are the body rates relative to the air, rad/s; `surfaces` are the deflections in the actuators' order,
+        rad.
         """
 
     def outside_tables(self, air_data: AirData) -> Flag:

@@ -324,7 +324,8 @@ def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
 def _side_forces(aircraft: DaveMlAircraft, alphas: Array, speeds: Array, powers: Array) -> Array:
     """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
 
-    The last axis holds the engine's side force at each power (percent), then the aerodynamic side force.
+    The last axis holds the engine's side force at each power (percent), then the aerodynamic side force. `alphas` are
+    in rad, `speeds` in m/s.
     """
     zero = jnp.zeros(())
 

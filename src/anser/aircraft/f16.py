@@ -307,7 +307,7 @@ def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarra
 
 
 def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
-    """Return a table over beta = -30, -25, ..., 30 deg: mirrored if in `_ODD_IN_SIDESLIP`, otherwise interpolated."""
+    """Return a table over beta = -30, ..., 30 deg: an odd function if in `_ODD_IN_SIDESLIP`, otherwise interpolated."""
     if name in _ODD_IN_SIDESLIP:
         return np.concatenate([-table[:, :0:-1], table], axis=1)
     fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))

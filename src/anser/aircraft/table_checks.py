@@ -31,7 +31,7 @@ class SuspectPoint(NamedTuple):
     table: str
     location: tuple[float, ...]  #: Coordinates along the axes.
     value: float  #: NaN for `table` "all".
-    score: float  #: Departure divided by the scatter of the surrounding entries.
+    score: float  #: Departure divided by the scatter of the surrounding entries; see `suspect_points`.
     neighbours: tuple[tuple[float, ...], ...]  #: Locations of nearby entries that are outliers due to this entry.
 
 
@@ -50,10 +50,12 @@ def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPE
     decimal digit. The score is the geometric mean of the three greatest departures, or of two if only two tests apply.
 
     In a table with one axis, the score is the departure from the line through the neighbours. The divisor is the
-    greatest departure nearby, plus 4 % of the standard deviation, plus three units of the last decimal digit.
+    greatest departure nearby after the entry is put on that line, plus 4 % of the standard deviation, plus three units
+    of the last decimal digit.
 
     A point of the first two axes is suspect in all tables (`table` "all") if the median of the departures in test 2,
-    over five or more tables, exceeds 3. Only the worst such point of each row is reported.
+    over five or more tables, exceeds 3. Only the worst such point of each row is reported. The entries of single tables
+    at a reported point are left out.
 
     Parameters
     ----------

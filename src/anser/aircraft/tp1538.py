@@ -106,7 +106,7 @@ TP1538_FUNCTIONS = (
 
 - Functions of alpha: damping, increments of the damping with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta.
 - Functions of alpha and beta: CZ and CY at zero deflections; increments with the flap at 0, with 30 deg of rudder, with
-  20 deg of aileron; additional increments with aileron and flap at 0.
+  20 deg of aileron; additional increments of the aileron with the flap at 0.
 - Functions of alpha, beta and elevator: CX, CZ minus CZ at zero elevator, Cm, Cl, Cn."""
 
 

@@ -250,7 +250,10 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """List surface inputs that are unknown, used twice or not angles, and required model inputs without a value."""
+    """List unsuitable inputs of surfaces, and required model inputs without a value.
+
+    Unsuitable inputs are unknown, used twice, air data or body rates, or not angles.
+    """
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():

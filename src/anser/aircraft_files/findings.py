@@ -205,8 +205,8 @@ def level_air_data(
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     """Return the stability and control derivatives by name, such as "Cm_alpha", and the drag coefficient "CD".
 
-    The derivatives are per rad or per dimensionless rate, in straight flight at sea level, at the middle of the valid
-    airspeeds and at the valid alpha nearest to 2 deg. Moments are about the centre of gravity.
+    The derivatives are per rad or per dimensionless rate, at sea level, at the middle of the valid airspeeds and at the
+    valid alpha nearest to 2 deg; sideslip, rates and deflections are zero. Moments are about the centre of gravity.
     """
     alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, alpha_min_deg), alpha_max_deg) * DEG_RAD
@@ -349,7 +349,11 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Yield findings on level flight at sea level: lift below the weight, or full thrust below the drag."""
+    """Yield findings on level flight at sea level, over the valid airspeeds and angles of attack.
+
+    Findings are a lift below the weight at every airspeed or, if not, at the least airspeed; and a full thrust that is
+    not above the drag at any airspeed.
+    """
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
     alphas, speeds = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD, np.linspace(speed_min, speed_max, 28)

@@ -70,7 +70,7 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return `problem`, extended by advice if the key is an unsupported derivative such as `Cm_alphadot`."""
+    """Return `problem`, with advice as expected value if the key is an unsupported derivative such as `Cm_alphadot`."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem

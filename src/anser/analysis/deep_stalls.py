@@ -346,8 +346,8 @@ def _branch(
 ) -> PitchBranch:
     """Return the curve of trims through the stable trim with the greatest alpha; one NaN point if no trim is stable.
 
-    `case`: airframe, Mach number, elevator (rad); `trims`: x_cg, alpha (deg), True if stable. The curve ends before it
-    leaves `alpha_range_deg` or exceeds `x_cg_max`.
+    `case`: airframe, Mach number, elevator (rad); `trims`: x_cg, alpha (deg), True if stable. The curve ends before
+    alpha leaves `alpha_range_deg`, x_cg leaves 0.1 to `x_cg_max`, or a point is not balanced.
     """
     stable = [trim for trim in trims if trim[2]]
     if not stable:

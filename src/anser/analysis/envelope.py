@@ -140,7 +140,8 @@ def trim_map(
 
     If `altitudes_m` is None, the altitudes are `default_altitudes`; if `machs` is None, the Mach numbers are
     `default_machs` at the lowest altitude of the grid. Raises ValueError if an axis does not consist of finite,
-    increasing numbers, if a Mach number is negative, or if no point of the grid is trimmable.
+    increasing numbers, if a Mach number is negative, if no default altitude is within the aircraft's data, or if no
+    point of the grid is trimmable.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment
@@ -335,7 +336,8 @@ def survey_envelope(
     coarse
         Coarse grid; for the F-16 3 x 5 instead of 16 x 18 points.
     altitudes_m, machs
-        Axes of the grid; None: 250 m to 15 km and Mach 0.15 to 0.95 for the F-16, see `default_altitudes`.
+        Axes of the grid; None: 250 m to 15 km and Mach 0.15 to 0.95 for the F-16; for another aircraft, see
+        `default_altitudes` and `default_machs`.
     limits
         Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s

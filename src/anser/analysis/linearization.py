@@ -270,7 +270,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     """Linearize a sampled loop of the autopilot about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
     - States x: aircraft with actuators, then integrals and filters of the autopilot; for incremental inversion (sensor
-      bandwidth above 0) also the onboard model's residual, the difference between measured and modelled accelerations.
+      bandwidth above 0) also the onboard model's residual: measured minus modelled forces and accelerations.
     - Inputs c: commands to the three channels of the loop, constant over a step. The throttle stays at trim unless
       `loop` is "velocity".
 

@@ -173,7 +173,7 @@ class Margins(eqx.Module):
     gain_down_searched: Scalar
     phase: Scalar  # least phase margin over the gain crossovers, in either direction, rad; inf: no crossover
     # least delay that makes the loop unstable, s: the least (phase lag up to -180 deg) / frequency among the gain
-    # crossovers; exact for a whole number of sampling periods
+    # crossovers; exact for a whole number of sampling periods; inf: no crossover
     delay: Scalar
     # radius alpha of the symmetric disk margin, 0 to 2: the loop tolerates all complex factors in a disk that reaches
     # gains from (2 - alpha)/(2 + alpha) to the reciprocal and phases of 2 atan(alpha/2)

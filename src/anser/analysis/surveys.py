@@ -293,7 +293,8 @@ def classify_flights(
 
     1. The flight starts beyond the autopilot's limits: "start_beyond_limits".
     2. Alpha or beta leaves the data: the first of the two.
-    3. Sideslip exceeds its bound: the inner-loop limit that was active longest before; "unexplained" if none was.
+    3. Sideslip exceeds its bound: the inner-loop limit that was active longest before, for 0.1 s or more;
+       "unexplained" if none was.
     4. Altitude or Mach number leaves the data: the first of the two.
     5. A channel misses its command: the limit that was active longest, of the limits that affect the channel and were
        active for over a tenth of the flight or over half of its last tenth; "unexplained" if none was.

@@ -77,7 +77,8 @@ def fly_on_cluster(
 class _Supervision:
     """State of a cluster while flights run: connection, workers, and the number of chunks submitted at a time.
 
-    Methods raise StoreError if the scheduler does not answer, or if the cluster has had no workers for two minutes.
+    Methods raise StoreError if the connection breaks, if the scheduler does not answer, or if the cluster has had no
+    workers for two minutes.
     """
 
     def __init__(self, client: Any, address: str) -> None:

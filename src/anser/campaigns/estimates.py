@@ -34,16 +34,19 @@ _LOWER = {
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """Quantile of a quantity over the flights of a campaign, with a confidence interval."""
+    """Quantile of a quantity over the flights of a campaign, with a confidence interval.
+
+    A number is None if infinite: too few flights, or too many flights without an arrival.
+    """
 
     name: str  #: Name of the quantity.
     words: str  #: Description of the quantity.
     unit: str  #: Unit of the quantity.
     share: float  #: Fraction of the flights with values at or below `value`, or at or above if `upper` is False.
     upper: bool  #: True: great values are bad, and `value` is an upper bound. False: small values are bad.
-    value: float | None  #: The quantile; None if infinite (too many flights without an arrival).
-    low: float | None  #: Lower bound of the confidence interval; None if infinite (too few flights).
-    high: float | None  #: Upper bound of the confidence interval; None if infinite (too few flights).
+    value: float | None  #: The quantile; None if infinite.
+    low: float | None  #: Lower bound of the confidence interval; None if infinite.
+    high: float | None  #: Upper bound of the confidence interval; None if infinite.
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,8 @@ class AbstractFlightStore(abc.ABC):
     def open(cls, folder: Path, *, verify_chunks: bool = True) -> Self:
         """Open the store in a folder; raises StoreError if the store is missing, damaged, or of another format.
 
-        If `verify_chunks` is True, the results of the flights are verified, too. Time series are verified when they are
-        read.
+        The files written only at creation are verified; if `verify_chunks` is True, also the results of the flights.
+        Time series are verified when they are read.
         """
         if not (folder / cls.data_folder).is_dir():
             raise StoreError(

@@ -241,8 +241,8 @@ def program_key(value: Any) -> str:
     """Return the key of a program; `value` is its function, arguments and compiler options.
 
     The key is a hash of the description of `value` (`describe_value`), the package sources, the platform and the JAX
-    settings. Raises NotCacheableError if `describe_value` raises this error, or if XLA does not report the features of
-    the CPU.
+    settings. Raises NotCacheableError if `describe_value` raises this error, if a module of the program contains code
+    from outside the trusted packages, or if XLA does not report the features of the CPU.
     """
     description = describe_value(value)
     parts = [

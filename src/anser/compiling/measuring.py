@@ -112,7 +112,8 @@ def compilation_message() -> str | None:
 def awaited_compilation() -> tuple[Compilation, str | None] | None:
     """Return the record of the awaited program, and the time left as text; None if the process waits for no program.
 
-    The time left is None until all programs in compilation are traced, and for a program that another process compiles.
+    The time left is None until all programs in compilation are traced and lowered, and if the process only waits for a
+    program that another process compiles.
     """
     with _lock:
         _share_time()

@@ -15,7 +15,8 @@ _BITS_MAX = 256
 class Problem:
     """One problem in a scenario, study or aircraft file."""
 
-    #: Key, such as ``aircraft[1].start.speed_m_s``, or position (``line 3, column 7``); empty for the whole file.
+    #: Key, such as ``aircraft[1].start.speed_m_s`` (items from 0), or position (``line 3, column 7``); empty for the
+    #: whole file.
     path: str
     arrived: str  #: Description of the value in the file.
     expected: str  #: Description of a valid value.

@@ -27,7 +27,7 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
     `changes` are pairs (key path, value), applied in order. The result lacks keys that the file omits. The values are
     not validated, and an unknown key raises no error. Raises ScenarioError if a path is malformed, names a missing list
-    item, or continues beyond a plain value.
+    item, takes a list for a table or a table for a list, or continues beyond a plain value.
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:

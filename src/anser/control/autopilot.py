@@ -61,7 +61,7 @@ def rate_control(
     gains: AutopilotGains,
     controller_state: AutopilotState,
     rates_command: Vector3,
-    rates_command_dot: Vector3,
+    rates_command_dot: Vector3,  # derivative of the command, rad/s^2
 ) -> tuple[SurfaceDemand, AutopilotState]:
     """Close the fast loop: compute actuator commands (rad) for commanded body rates (P, Q, R), rad/s, and derivatives.
 

@@ -28,7 +28,8 @@ class FlightLimits(eqx.Module):
 def default_limits(alpha_range: tuple[ScalarLike, ScalarLike] = (-jnp.inf, jnp.inf)) -> FlightLimits:
     """Return limits for the F-16 at low speed, with the angle of attack within `alpha_range`, rad.
 
-    The bank rate is not limited.
+    Airspeed 90 to 240 m/s, bank 60 deg, angle of attack -5 to 25 deg, load factor -1 to 5, body rates (P, Q, R) 120, 60
+    and 60 deg/s, least altitude 0 m; the bank rate is not limited.
     """
     degree = jnp.pi / 180
     return FlightLimits(

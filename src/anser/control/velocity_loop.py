@@ -1,4 +1,4 @@
-"""Velocity loop: thrust, alpha and bank for commanded rates of airspeed, path angle and course (theory section 5)."""
+"""Velocity loop: thrust, alpha and bank for rates of airspeed, path angle and course (theory section 5, item 3)."""
 
 import dataclasses
 
@@ -37,7 +37,8 @@ class AttitudeDemand(eqx.Module):
     # whether the path angle is not followed: alpha or load factor is at a limit, a push-over is limited, or the bank
     # error exceeds 60 deg
     alpha_saturated: Flag
-    # whether the course is not followed: bank or bank rate is at a limit, or the lift does not suffice for the turn
+    # whether the course is not followed: bank or bank rate is at a limit, the turn is reduced, or the demanded lift is
+    # too small for a turn (less than 0.2 g normal to the path)
     bank_saturated: Flag
     lift_short: Flag  # whether the turn is reduced because of the lift at alpha_max
     load_factor_short: Flag  # whether the turn is reduced because of the greatest load factor

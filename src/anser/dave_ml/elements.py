@@ -173,8 +173,8 @@ class _Builder:
 def parse_elements(content: str | bytes, name: str) -> Element:
     """Parse an XML document (bytes in the declared encoding) and return its root element.
 
-    `name` is the file name in messages. Raises DaveMlError if the document is not well-formed XML, declares entities,
-    uses entities other than the five of XML, or exceeds the limits of this module.
+    `name` is the file name in messages. Raises DaveMlError if the document is not well-formed XML in a supported
+    encoding, declares entities, uses entities other than the five of XML, or exceeds the limits of this module.
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")

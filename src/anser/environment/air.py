@@ -113,7 +113,8 @@ def virtual_temperature(
 ) -> np.ndarray:
     """Return the virtual temperature (K) of moist air: dry air of this temperature has equal pressure and density.
 
-    Inputs: temperature (K), pressure (Pa) and relative humidity over water (0 to 1) of the moist air.
+    Inputs: temperature (K), pressure (Pa) and relative humidity over water (0 to 1) of the moist air. Source: law of
+    ideal gases.
     """
     vapour = np.minimum(relative_humidity * vapour_pressure(temperature), pressure)
     return temperature / (1.0 - (1.0 - VAPOUR_MOLAR_RATIO) * vapour / pressure)

@@ -135,9 +135,10 @@ class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
     The chart is the flat-Earth map of theory section 1, without approximation (`geodetic_from_flat`). North depends on
-    latitude alone, east on longitude alone, down on height alone. With the distance d from the origin and the Earth's
-    radius R, `chart_scale` differs from 1 by at most about (1 + |tan(latitude)|) d/R. No path may be planned across a
-    pole or the meridian opposite to the origin, because neighbouring points on both sides are far apart in the chart.
+    latitude alone, east on longitude alone, down on height alone. At the distance d from the origin,
+    `chart_scale` differs from 1 by at most about (1 + |tan(latitude of the position)|) d/R, with the Earth's radius R.
+    No path may be planned across a pole or the meridian opposite to the origin, because neighbouring points on both
+    sides are far apart in the chart.
     """
 
     ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.

@@ -188,7 +188,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
     - Airspeed: 1.1 times the least to 0.9 times the greatest airspeed that the aircraft's data and the autopilot's
       limits allow. If that range is narrow, the airspeed covers at least the middle quarter of the allowed airspeeds.
-    - Altitude: 1 km to 8 km, as far as the aircraft's data extend; if the data end below 1 km, their whole range.
+    - Altitude: 1 km to 8 km, as far as the aircraft's data extend; all their altitudes if they lie outside.
 
     Raises ValueError if the controller is not an `InversionAutopilot`, or if no airspeed is allowed.
     """
@@ -202,7 +202,8 @@ def default_range(vehicle: Vehicle) -> FlightRange:
         )
     bottom, top = getattr(getattr(airframe, "validity", None), "altitude", (0.0, np.inf))
     bottom, top = float(bottom), float(top)
-    altitudes = (max(1000.0, bottom), min(8000.0, top)) if top > 1000.0 else (bottom, top)
+    is_usual = bottom < 8000.0 and top > 1000.0
+    altitudes = (max(1000.0, bottom), min(8000.0, top)) if is_usual else (bottom, top)
     margin = 0.375 * (fastest - slowest)
     speeds = min(1.1 * slowest, slowest + margin), max(0.9 * fastest, fastest - margin)
     return FlightRange(speeds, altitudes)

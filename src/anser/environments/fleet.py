@@ -167,5 +167,5 @@ class AgentDictionaries:
         return self.by_agent(observations), state, self.by_agent(rewards), ends, values
 
     def by_agent(self, values: Array) -> dict[str, Array]:
-        """Return the values along the first axis of an array as a dictionary by agent's name."""
+        """Return the values along the first axis (in the order of `agents`) as a dictionary by agent's name."""
         return {agent: values[k] for k, agent in enumerate(self.agents)}

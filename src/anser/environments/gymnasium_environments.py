@@ -137,8 +137,8 @@ def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[t
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
     """Return the compiled functions of an environment, from the arguments of `GymnasiumEnvironment`.
 
-    The latest results are cached by the arguments and the contents of the named files. Raises ValueError if `task` is
-    an environment and an action or options are given.
+    The latest results are cached: by environment, or by task name, action, options and contents of the named files. An
+    `AbstractTask` is compiled anew. Raises ValueError if `task` is an environment and action or options are given.
     """
     if isinstance(task, str | AbstractTask):
         level = default_level(task) if action is None else action

@@ -60,8 +60,8 @@ def make(
         Range from which starts and wind are drawn; None: `default_range` of the aircraft.
     study
         Path of a study file, for the tasks "PathTracking", "Arrival" and "FleetArrival" only; None: a study of the
-        package. The study's flights are planned and become the cases; flights that have no plan are left out. With
-        these tasks, `aircraft`, `flown`, `cases`, `seed` and `tables` must not be given.
+        package. The study's flights are planned and become the cases; flights that have no plan are left out. The
+        study determines `aircraft`, `flown`, `cases`, `seed` and `tables`, which must not be given.
     cases
         Number of cases (start and commands of an episode), one of which a reset selects; None: 4,096.
     seed

@@ -56,7 +56,7 @@ def aircraft_file_text(
         Aircraft that gives mass properties, lengths, actuators and engine.
     file
         Aircraft file of `airframe`; None: there is no file. An engine that is not in the file is described by tables of
-        idle and full thrust over altitude and Mach number.
+        idle and full thrust over altitude and Mach number; an aircraft without an engine gets none.
     estimated
         Estimated derivatives, with names such as `CL_alpha` and `CL0`.
     assumed
@@ -182,7 +182,10 @@ def _jet(airframe: AbstractAirframe) -> dict[str, Any]:
 
 
 def _toml(tables: Mapping[str, Any], path: str = "") -> str:
-    """Return nested tables as TOML text, with floats rounded to nine digits; `path` is the dotted name of the table."""
+    """Return nested tables as TOML text; `path` is the dotted name of the table.
+
+    Floats have nine significant digits.
+    """
     lines, parts = [], []
     for key, value in tables.items():
         name = f"{path}.{key}" if path else key
@@ -191,9 +194,14 @@ def _toml(tables: Mapping[str, Any], path: str = "") -> str:
         elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
             parts += [f"\n[[{name}]]\n{_toml(entry, name)}" for entry in value]
         else:
-            shown = float(f"{value:.9g}") + 0.0 if isinstance(value, float) else value
-            lines.append(f"{key} = {json.dumps(shown, ensure_ascii=False)}\n")
+            lines.append(f"{key} = {json.dumps(_rounded(value), ensure_ascii=False)}\n")
     return "".join([*lines, *parts])
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return float(f"{value:.9g}") + 0.0 if isinstance(value, float) else value
 
 
 def slug(text: str) -> str:

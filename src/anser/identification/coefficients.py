@@ -216,7 +216,7 @@ def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> di
 
 
 def _arguments_of(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Return alpha, beta (rad), p b/2V, q c/2V, r b/2V and surfaces (rad) by name; a missing channel is 0."""
+    """Return alpha, beta (rad), p b/2V, q c/2V, r b/2V, surfaces (rad) by name; missing beta and surfaces are 0."""
     lengths, V = reference_lengths(airframe), record["airspeed"]
     scales = np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
     hats = dict(zip(("p", "q", "r"), record.stack(*RATES) * scales / (2.0 * V), strict=True))

@@ -310,7 +310,8 @@ def identify(
 def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[str, float]) -> dict[str, float]:
     """Return the known aircraft's derivatives, by name, for derivatives that are not estimated.
 
-    Derivatives that are zero in a symmetric aircraft are omitted.
+    Constants and flow and rate derivatives that are zero in a symmetric aircraft, such as `CY0` and `CL_beta`, are
+    omitted; also constants of estimated coefficients.
     """
     own, surfaces = airframe_derivatives(airframe, data.record), airframe.actuators.names
     estimated = {equation.response for equation in data.equations}

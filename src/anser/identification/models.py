@@ -244,7 +244,10 @@ def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the moved surfaces with pitching moments (`longitudinal`) and with roll or yaw moments (`lateral`)."""
+    """Return the moved surfaces with pitching moments (`longitudinal`) and with roll or yaw moments (`lateral`).
+
+    A surface without any moment in the airframe's model is in both groups.
+    """
     own = airframe_derivatives(airframe, record)
     axes: dict[str, tuple[str, ...]] = {"longitudinal": (), "lateral": ()}
     for name in moved:

@@ -275,8 +275,8 @@ def regress_stepwise(
     At each step the candidate with the greatest partial correlation with the response enters. The notes of the estimate
     list the steps. Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, section 5.4.
 
-    - Criterion `F`: regressors with a partial F ratio below 20 leave. The selection ends if the entering candidate has
-      a ratio of 20 or less, or R^2 grows by 0.005 or less.
+    - Criterion `F`: regressors with a partial F ratio of 20 or less leave. The selection ends if the entering candidate
+      has a ratio of 20 or less, or R^2 grows by 0.005 or less.
     - Criterion `PSE`: no regressor leaves. The selection ends if the predicted squared error does not fall.
 
     Remaining arguments and errors: see `regress`. Raises ValueError if no candidate is significant.

@@ -88,9 +88,11 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan by messages.
 
-        The fleet agrees on arrival times. Then the aircraft plan one after the other, in the order of the scenario; a
-        path arrives at the agreed time and keeps the separation from the paths planned before. If an aircraft finds no
-        path, or no holds (holding patterns after the arrivals) keep the separation, the fleet tries later times.
+        Unless the scenario prescribes the arrival times, the fleet agrees on the latest of the aircraft's earliest
+        arrivals (max-consensus). Then the aircraft plan one after the other, in the order of the scenario; a path
+        arrives at the agreed time and keeps the separation from the paths planned before. If an aircraft finds no path,
+        or no holds (holding patterns after the arrivals) keep the separation, the fleet tries later times, unless the
+        times are prescribed.
 
         If the fleet does not agree, `refusals` has the reason. For the arguments and errors see `anser.plan`.
         """

@@ -74,7 +74,8 @@ def exit_start(
     """Return the planning task of a departing aircraft, for a path that starts at `time` (s).
 
     Before the arrival, the start is on the planned path; after the arrival, the start is in the planned hold (holding
-    pattern). If the aircraft cannot fly its hold as planned (see `hold_reference`), the start is the measured motion.
+    pattern). If there is no planned hold, or the aircraft cannot fly it as planned (see `hold_reference`), the start
+    is the measured motion.
     """
     plan, holds = plan_state.plan, plan_state.holds
     task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
@@ -99,7 +100,7 @@ def plan_exit(
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:
-    """Return the plan with an exit path for a departing aircraft; the exit path lasts to the end of the flight.
+    """Return the plan with an exit path for a departing aircraft up to `end_time`, its new arrival time.
 
     The exit path keeps three requirements if possible; if not, an earlier requirement has priority over later ones:
 

@@ -294,8 +294,8 @@ class PublishedFirstPlan(FirstPlan):
     def problems(self) -> tuple[str, ...]:
         """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
 
-        Obstacles are an arrival after the end of the flight, an aircraft with an error status at the start, a failure
-        of the planner, and a violated limit.
+        Obstacles are a last arrival at or after the end of the flight and, for each aircraft, the first of: an error
+        status at the start, a failure of the planner, a violated limit.
         """
         problems, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:

@@ -292,7 +292,7 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """Return the motion on a path at a time (s), and the required bank, load factors and thrust, by key.
+    """Return the motion on a path at a time (s), and the required bank, load factors and thrust surplus, by key.
 
     The keys are those of `anser.variables`; SI units, rad. Bank angle and load factor hold for coordinated flight along
     the path (theory section 6).

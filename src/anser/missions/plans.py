@@ -74,9 +74,9 @@ def plan(
     Returns
     -------
     FirstPlan
-        The plan, with the reasons for a missing plan (`refusals`), the reasons and the obstacles to flying the plan
-        (`problems()`, empty for a flyable plan), and the differences from the scenario's request (`notes()`). The
-        published planner never refuses.
+        The plan (`plan`, which raises `anser.missions.NoPlanError` if none was found), the reasons for a missing plan
+        (`refusals`), the reasons and the obstacles to flying the plan (`problems()`, empty for a flyable plan), and the
+        differences from the scenario's request (`notes()`). The published planner never refuses.
 
     Raises
     ------

@@ -32,7 +32,7 @@ _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the r
 _MESSAGES_MAX = 3
 _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
-_SAME_START = 1.001  # up to this ratio to the preferred start time, a sequence counts as begun at this time
+_SAME_START = 1.001  # greatest ratio to the preferred start at which a sequence counts as begun at the preferred start
 EXCESS_MEANINGFUL = 0.5
 """Relative excess over a limit above which an attempted path does not count as a path."""
 _HIGH_SPEED = 0.9  # a mean airspeed above this share of the greatest airspeed points to the airspeed limit
@@ -117,7 +117,8 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
         offsets, latest_s = request.offsets(len(names)), request.latest_s
         common = common_times(arrival_intervals, offsets)
         if all(start > latest_s - float(np.max(offsets)) for start, _ in common):
-            return (_no_common_time(names, arrival_intervals, offsets, latest_s),)
+            keys = "arrival.rule", f"fleet.{scenario.fleet.airspeed_key}", "timing.duration_s"
+            return (_no_common_time(names, arrival_intervals, offsets, latest_s, keys),)
     return (_largest_feasible_separation(names, fleet, outcome),)
 
 
@@ -348,8 +349,8 @@ def _infeasible_aircraft(
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
     """Return the fleet's task with one constraint relaxed by a factor (1: unchanged).
 
-    `constraint` is a key of `RELAXED_TOGETHER` or "keep-outs". `keep_out` is the index of the keep-out; None: every
-    keep-out.
+    `constraint` is a key of `RELAXED_TOGETHER` or "keep-outs". For "keep-outs", the radius of the keep-out with the
+    index `keep_out` (None: of every keep-out) is divided by the factor.
     """
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
@@ -411,7 +412,11 @@ def _binding_constraint(
 
 
 def _no_common_time(
-    names: Sequence[str], arrival_intervals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float
+    names: Sequence[str],
+    arrival_intervals: Sequence[Intervals],
+    offsets_s: np.ndarray,
+    latest_s: float,
+    keys: Sequence[str],  # keys of the scenario that can make a common time possible
 ) -> Refusal:
     starts = [intervals[0][0] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
     ends = [intervals[-1][1] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
@@ -421,7 +426,7 @@ def _no_common_time(
         f'no arrival time up to {latest_s:.0f} s is open to all: "{names[latest]}" can arrive {latest_text}, '
         f'"{names[earliest]}" {earliest_text}'
     )
-    return Refusal(text, [names[latest], names[earliest]], ["arrival.rule", "fleet.speed_m_s", "timing.duration_s"])
+    return Refusal(text, [names[latest], names[earliest]], keys)
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:

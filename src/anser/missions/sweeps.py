@@ -29,7 +29,7 @@ def sweep_dataset(
     flight_rows: Sequence[FlightRow],  # results of the flights, in the order of the combinations
     attributes: Mapping[str, str | int],  # attributes of the dataset
 ) -> xr.Dataset:
-    """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
+    """Put the results of a sweep's flights into one dataset with a dimension and a coordinate for each swept key.
 
     The numbers of a flight that could not start are NaN, and `reason` has the reason. A quantity of the fleet is left
     out if every flight lacks a value.
@@ -54,7 +54,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Return an array of booleans, of numbers (float64) or of texts; values of other or mixed types as JSON texts."""
+    """Return an array of booleans, of numbers (float64) or of texts; among texts, other values as JSON texts."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):

@@ -77,7 +77,7 @@ class UserFirstPlan(FirstPlan):
     def problems(self) -> tuple[str, ...]:
         """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
 
-        Obstacles are an arrival after the end of the flight, and aircraft with an error status at the start.
+        Obstacles are a last arrival at or after the end of the flight, and aircraft with an error status.
         """
         duration_s = self.scenario.timing.duration_s
         late = f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s"

@@ -133,7 +133,7 @@ def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Several objects of equal structure for `vmap`, made by `stack_objects`; equal leaves are stored once."""
+    """Several objects of equal structure for `vmap`, made by `stack_objects`; shared leaves are stored once."""
 
     # leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves
     batched: T

@@ -16,7 +16,7 @@ Coefficients = Float[Array, "*batch n"]
 
 @functools.lru_cache
 def _convolution(m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights and indices of the product c_k = sum_i weights[k, i] a_i b_indices[k, i] of degrees m and n."""
+    """Return weights and indices of the product c[k] = sum_i weights[k, i] a[i] b[indices[k, i]] of degrees m and n."""
     weights, indices = np.zeros((m + n + 1, m + 1)), np.zeros((m + n + 1, m + 1), dtype=int)
     for i in range(m + 1):
         for j in range(n + 1):
@@ -36,7 +36,7 @@ def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batc
 
 
 def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
-    """Return the Bernstein coefficients of a polynomial in the degree `degree`; raises ValueError if too low."""
+    """Return the Bernstein coefficients of a polynomial for the degree `degree`; raises ValueError if it is too low."""
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")

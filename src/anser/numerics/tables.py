@@ -35,8 +35,9 @@ class Axes(eqx.Module):
     even
         Whether the breakpoints of every axis are evenly spaced, to rounding; the interval then needs no search.
     step_lookup, step
-        Data for a fast look-up if all breakpoints are at multiples of a step; None for other axes. `step_lookup` has
-        for every step the interval index, the lower breakpoint and 1 / interval length, axes concatenated.
+        Data for a fast look-up if not `even`, but the breakpoints of each axis are at multiples of a step from the
+        first; None for other axes. `step` has the step of each axis. `step_lookup` has for every step the interval
+        index, the lower breakpoint and 1 / interval length, axes concatenated.
     """
 
     breakpoints: Float[Array, "k n"]

@@ -191,8 +191,8 @@ class Reading(eqx.Module):
     """
 
     state: AircraftState  #: Measured state of the aircraft.
-    #: Air data, forces and moments of the true airframe in the true state. An estimator for sensors with errors
-    #: computes these values for its estimated state, from `air_data` or the wind.
+    #: Air data, forces and moments of the true airframe: for ideal and delayed sensors in `state`; for sensors with
+    #: errors in the true state. Their estimator computes the values for its own estimate, from `air_data` or the wind.
     condition: AirDataAndForces
     specific_force_b: Vector3  #: Specific force at the centre of gravity, body axes, m/s^2.
     #: Exact line of sight to the goal, at every sample; None if the aircraft has no goal, or if the goal sensor has

@@ -30,7 +30,7 @@ class PathLimits(eqx.Module):
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
     #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Greatest V_dot + g sin(gamma), engine force minus drag, per mass, m/s^2; with `idle`: value at load factor 1.
+    #: Greatest V_dot + g sin(gamma) = (engine force - drag) / mass, m/s^2; with `idle`: value up to load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     #: Greatest -(V_dot + g sin(gamma)), engine idle, m/s^2; with `idle`: value in level flight at the start airspeed.
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
@@ -123,13 +123,14 @@ class Limit:
         """Return the relative excess over the limit: (value - limit) / max(|limit|, 1); at most 0 within the limit.
 
         For a lower limit, the numerator is limit - value. For a bank angle (rad), tangents replace the angles. The
-        excess over an infinite limit is -1. If the value or the limit is NaN, the excess is NaN.
+        excess over an infinite limit is -1. If the limit is NaN, or the value is NaN and the limit finite, the excess
+        is NaN.
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)
         if self.is_lower_bound:
             value, limit = -value, -limit
-        is_unlimited = (limit == jnp.inf) & (value == value)  # NaN never satisfies a limit
+        is_unlimited = limit == jnp.inf  # NaN is not unlimited, and never satisfied
         finite = jnp.where(is_unlimited, 0.0, limit)
         return jnp.where(is_unlimited, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
@@ -218,7 +219,7 @@ RELAXED_TOGETHER = {
 NOMINAL_BEND_M = 1.0
 """Greatest lateral bend, m, of a path of the published planner that is called nominal.
 
-Rounding of the length leaves a bend of this size even for a path that needs no bend."""
+The tolerance of the length, 1e-6 m in 10 km, leaves a bend of this size even for a path that needs no bend."""
 
 
 def describe_bend(bend_m: float) -> str:

@@ -18,7 +18,8 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     """Return the ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
 
     The ratio is at least 1 for separated aircraft, and infinite if no horizontal distance is required. `level` and
-    `height` are the horizontal and vertical distance, m. `horizontal` and `vertical`: see `Separation`.
+    `height` are the horizontal and vertical distance, m; `horizontal` and `vertical`: see `Separation`. NumPy or JAX
+    arrays.
     """
     xp = level.__array_namespace__()
     is_required, is_vertical = horizontal > 0.0, vertical > 0.0

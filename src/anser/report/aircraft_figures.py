@@ -150,7 +150,10 @@ _LINE_LENGTH = 22
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded channels, states, and controls."""
+    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded channels, states, and controls.
+
+    Raises FileExistsError if one of the files exists.
+    """
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]

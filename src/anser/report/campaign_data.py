@@ -80,7 +80,7 @@ class CampaignReport:
     independent: np.ndarray  # mask of the statistically independent flights, shape (flights,)
     worst: Sequence[int]  # numbers of the worst flights
     is_converged: bool = False  # True: the stopping rule ended the campaign early
-    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)  # values of each text input, by key path
+    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)  # ordered values of text inputs, by key path
     replays: Sequence[ReplayedFlight] = ()  # flights on the map
     replay_differences: Sequence[int] = ()  # numbers of the replayed flights with results that differ from the campaign
     bands: tuple[SeriesBands, ...] = ()  # quantiles of the variables recorded over time

@@ -299,7 +299,7 @@ def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
 
 
 def flight_page(runs: Sequence[_Run]) -> str:
-    """Return the HTML of the report page of one flight, or of two flights side by side."""
+    """Return the HTML of the report page of one flight, or of two side by side; a run is (name, dataset, summary)."""
     scenarios = [recorded_table(dataset) for _, dataset, _ in runs]
     datasets = [add_derived_variables(run[1], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
     labels, summaries = [run[0] for run in runs], [run[2] for run in runs]

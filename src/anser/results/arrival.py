@@ -83,7 +83,8 @@ def closest_approach(
     """Return the time (s) and distance (m) of the closest pass of a moving rendezvous.
 
     The offset is linear between samples. Passes later than `planned_arrival_s + margin_s` do not count, since an
-    aircraft in the hold may come closer. Time and distance are NaN if no two consecutive finite samples exist by then.
+    aircraft in the hold may come closer. Time and distance are NaN if no interval between two consecutive finite
+    samples starts by then.
 
     Raises ValueError if the shapes do not match, or the record has fewer than two samples.
     """

@@ -116,7 +116,8 @@ def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) ->
     """Compute airspeeds (m/s) and altitudes (m) that depend on the air, by key of `anser.variables`.
 
     The results are calibrated and equivalent airspeed, and pressure and density altitude, with the shape of the true
-    airspeed `airspeed` and the geometric altitude `altitude`.
+    airspeed `airspeed` (m/s) and the geometric altitude `altitude` (m). `layers` is the flight's air, see
+    `anser.environment.air`.
     """
     with np.errstate(all="ignore"):  # the motion of a lost aircraft is not finite
         air = air_in_layers(layers, np.asarray(altitude, dtype=float))

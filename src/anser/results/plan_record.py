@@ -75,7 +75,7 @@ class PlanDetails:
     limits: Mapping[str, float | np.ndarray]
     # proven bounds of the paths, by the keys of `limits`; None without a proof
     bounds: Mapping[str, np.ndarray] | None = None
-    # proven least ratio of distance to the planned separation (required separation plus reserve); None without a proof
+    # proven least ratio of distance to the planned separation (required one plus margins); None without a proof
     separation_bound: float | None = None
     # proven least distance outside each keep-out (aircraft, keep-out), m; None without a proof
     keep_out_bounds_m: np.ndarray | None = None

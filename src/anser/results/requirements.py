@@ -95,8 +95,8 @@ def evaluate_requirements(
     """Evaluate a flight against its requirements, and against the least distances from its goals.
 
     Returns an entry {name, limit, value, met} for each requirement and each kind of goal; limit and value are from the
-    aircraft with the least margin. A requirement with a missing value (None) is not met, except a separation of a
-    single aircraft.
+    aircraft with the least margin. A requirement with a missing value (None) is not met, unless it applies to no
+    aircraft, as a separation of a single aircraft.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
     for kind in dict.fromkeys(kind for kind, _ in clearances):

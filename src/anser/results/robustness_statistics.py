@@ -30,8 +30,8 @@ class SuccessRate:
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
     """Return the mask, shape (flights,), of the flights in one part of a study.
 
-    `part` is "dispersed" (all factors changed by up to one spread), "spread" (all factors changed by up to several
-    spreads) or "alone" (one factor changed).
+    `part` is "dispersed" (all factors dispersed, at one spread), "spread" (all factors dispersed, at several spreads)
+    or "alone" (one factor changed).
     """
     return _decode_flags(dataset["part"]) == part
 

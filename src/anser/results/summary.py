@@ -270,7 +270,7 @@ def _gust_entries(
 
 
 def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> AirspeedStatistics:
-    """Return the time integral (m), minimum and maximum (m/s) of the finite airspeeds up to the time `end`, s."""
+    """Return time integral (m), minimum and maximum (m/s) of the finite airspeeds up to `end`, s; NaN if none."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]

@@ -13,7 +13,7 @@ _TABLE_ROWS_MAX = 40  # in the HTML table
 
 
 def format_summary(summary: Mapping[str, Any]) -> str:
-    """Return a summary as text: verdict, a line for each of the first six aircraft, and results of the fleet."""
+    """Return a summary as text: verdict, a line for each of the first aircraft (up to six), results of the fleet."""
     entries = summary["aircraft"]
     shown = entries if len(entries) <= _AIRCRAFT_LINES_MAX else entries[: _AIRCRAFT_LINES_MAX - 1]
     lines = [
@@ -25,7 +25,7 @@ def format_summary(summary: Mapping[str, Any]) -> str:
 
 
 def format_summary_html(summary: Mapping[str, Any]) -> str:
-    """Return a summary as HTML for a notebook: verdict, a table of the first 40 aircraft, and results of the fleet."""
+    """Return a summary as HTML for a notebook: verdict, a table of the first aircraft (up to 40), fleet results."""
     entries = summary["aircraft"]
     shown = entries if len(entries) <= _TABLE_ROWS_MAX else entries[: _TABLE_ROWS_MAX - 1]
     cells = [

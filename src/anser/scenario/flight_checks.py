@@ -50,10 +50,10 @@ _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Raise ScenarioError if a study varies a key path that has no effect on any of its flights.
+    """Raise ScenarioError if a study varies a key path that has no effect on any of the flights in `cases`.
 
-    `cases` are the flights: pairs of a flight's scenario and the flight's values by varied key path. `source` names the
-    study in messages. A key path with equal values in all cases is not checked.
+    `cases` are a few flights of the study: pairs of scenario and values by varied key path. `source` names the study in
+    messages. A key path with equal values in all cases is not checked.
     """
     case_list = list(cases)
     problems = []

@@ -68,7 +68,7 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
             arrived = (
                 f"where north turns by {turn_deg_s:.3f} deg/s under a flight east at {format_number(speed_m_s)} m/s"
             )
-            whom = fastest.label if fastest.airspeed_forms else "fleet (fleet.speed_m_s)"
+            whom = fastest.label if fastest.airspeed_forms else f"fleet (fleet.{scenario.fleet.airspeed_key})"
             return arrived, f"a slower {whom}: plans bear {TURN_MAX_DEG_S:g} deg/s"
     # an aircraft that leaves the area must return to arrive
     reach_m = 0.5 * (scenario.speed_limit_m_s + scenario.wind.speed_max_m_s) * duration_s

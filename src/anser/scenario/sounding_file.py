@@ -194,7 +194,10 @@ def _level(row: _Row, source: str) -> dict[str, float]:
 
 
 def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
-    """Return the wind of a level as values of a `WindLayer`; None if not measured, or too high for a `WindLayer`."""
+    """Return the wind of a level as values of a `WindLayer`; None if not measured, or too high for a `WindLayer`.
+
+    Raises ScenarioError if speed or direction is missing, except the direction of a calm.
+    """
     speed, direction = row.values.get("wind speed"), row.values.get("wind direction")
     if (speed is None) != (direction is None) and speed != 0.0:
         arrived = "a wind without speed" if speed is None else "a wind without direction"

@@ -188,7 +188,7 @@ class _Reader:
         is_geographic: bool,
         is_geopotential: bool,
     ) -> WindField:
-        """Return the field with rising axes and levels; raises ScenarioError if they have no order, or only one value.
+        """Return the field with rising axes and levels; raises ScenarioError if they have no order or one value.
 
         `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role;
         `horizontal` are the roles of the northward and the eastward axis.

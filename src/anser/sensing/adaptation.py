@@ -119,7 +119,7 @@ class AdaptationState(eqx.Module):
     regressors: Float[Array, "2 p"]  #: Low-pass filtered regressors minus `reference`; rows: longitudinal, lateral.
     mean_response: Float[Array, "6"]  #: Running mean of `response`.
     mean: Float[Array, "2 p"]  #: Running mean of `regressors`.
-    reference: Float[Array, "2 p"]  #: Regressors at the start of the flight.
+    reference: Float[Array, "2 p"]  #: Regressors at the start, only alpha and deflections; the others are 0.
     mean_error: Float[Array, "6"]  #: Running mean of the prediction errors.
     disturbance: Float[Array, "6"]  #: Variance of the prediction errors due to turbulence.
     previous_missing: Vector3  #: Missing force coefficients of the previous sample.
@@ -408,7 +408,7 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 def _is_effective(derivatives: Increments) -> Any:
     """Return flags (6, p) of the derivatives of Cl, Cm and Cn by effective surfaces.
 
-    A surface is effective if the derivative exceeds a tenth of the greatest derivative of the same moment.
+    A surface is effective if the derivative's magnitude exceeds a tenth of the greatest magnitude for the same moment.
     """
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)

@@ -34,7 +34,7 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Return the measured goal motion, or `previous` one sampling period later if the goal sensor does not work."""
+    """Return the measured goal motion, or `previous` moved by its velocity for a period if the sensor fails."""
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 

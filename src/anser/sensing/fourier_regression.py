@@ -18,7 +18,7 @@ from anser.shapes import Integer, Scalar, ScalarLike, Vector
 _END_SAMPLES = 10
 """Number of samples at each end of a record; the least-squares line through them gives the end value of a signal."""
 _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
-"""Weights of the third difference, which has variance 20 s^2 for white noise of variance s^2, 0 for a slow signal."""
+"""Weights of the third difference; its variance is 20 s^2 for white noise of variance s^2, 0 for a straight line."""
 
 
 def _line_weights() -> np.ndarray:

@@ -47,7 +47,8 @@ class FleetSummary(eqx.Module):
     """Results of a fleet's flight up to the latest sample, SI units.
 
     The pass is the point of the flight nearest to the moving rendezvous, while the aircraft flies the plan and at most
-    10 s after the planned arrival. Positions are interpolated linearly between samples.
+    10 s after the planned arrival; `anser.results.arrival.arrival_outcome` decides whether the pass is an arrival.
+    Positions are interpolated linearly between samples.
     """
 
     pass_time: Float[Array, " aircraft"]  #: Time of the pass, s; NaN if there is no pass.

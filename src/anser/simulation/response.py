@@ -66,8 +66,8 @@ class Response(eqx.Module):
 def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Response:
     """Fly from trim with a step command to one loop, for `count` sampling periods, and return the time histories.
 
-    `size` is the step of the loop's three channels at time 0, see `loop_outputs`. The commanded rates are 0. The
-    throttle stays at trim if `loop` is "rates" or "attitude".
+    `size` is the step of the loop's three channels at time 0, see `loop_outputs`. The command has no time derivative
+    (no feed-forward). The throttle stays at trim if `loop` is "rates" or "attitude".
     """
     trimmed = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
     return loop_flight(case, trimmed + size, count, loop, ResponseRecorder(loop=loop))

@@ -110,7 +110,7 @@ _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Return the command at `time` (s): (V, gamma, chi) of the steady flight or turn `target`, plus `size`."""
+    """Return the command at `time` (s): (V, gamma, chi) of steady flight or turn `target`, plus `size` (m/s, rad)."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],

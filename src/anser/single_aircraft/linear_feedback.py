@@ -84,7 +84,7 @@ class LinearFeedback(AbstractController):
         states
             Names among V, alpha, beta, phi, theta, P, Q, R, altitude and power, then V_integral and gamma_integral.
         inputs
-            Names among the aircraft's surfaces and throttle.
+            Names among the aircraft's surfaces and throttle; other inputs keep their trim values.
         course_gain, bank_max_deg
             Commanded course rate per error of the course, 1/s; greatest commanded bank angle, deg.
         """
@@ -188,7 +188,7 @@ class LinearFeedback(AbstractController):
         """Return the controls by name for a state by name, such as `Simulator.state`, with the trim as reference.
 
         Surfaces are in deg, not limited; the throttle is limited to 0 to 1. Commands and integrals have no effect. The
-        method can also be a control law of `anser.simulate`.
+        variables of `state` are numbers or arrays; a control law of `anser.simulate` can call the method.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]

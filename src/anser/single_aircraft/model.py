@@ -229,8 +229,8 @@ def aircraft(
 ) -> AircraftModel:
     """Load an aircraft by name, file or airframe, for trim, linear model, performance and flight.
 
-    Raises ValueError if no airframe has this name, or its mass properties are impossible; ScenarioError if the aircraft
-    file is not valid.
+    Raises ValueError if no airframe has this name, its mass properties are impossible, or a variant or centre of
+    gravity is given for an aircraft other than the library's F-16; ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ class Simulator:
         """Advance the motion by one step under constant controls, and return the state at the end of the step.
 
         Raises ValueError if an input is unknown, not finite or of a wrong shape, if the throttle is not within 0 to 1,
-        or if the aircraft leaves the wind field of a file. The state is then unchanged.
+        or if the aircraft leaves the wind field of a file without `outside = "hold"`. The state is then unchanged.
 
         Parameters
         ----------

@@ -34,7 +34,7 @@ def _safe_sqrt(squared: Scalar) -> Scalar:
 
 
 def _select(condition: Flag, chosen: Scalar, fallback: Scalar) -> Scalar:
-    """Return `jnp.where(condition, chosen, fallback)` for equal shapes, in the type of `chosen`; compiles smaller."""
+    """Return `jnp.where(condition, chosen, fallback)` of equal shapes, in the type of `chosen`, without nested jit."""
     return jax.lax.select(condition, chosen, fallback.astype(chosen.dtype))
 
 

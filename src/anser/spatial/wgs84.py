@@ -107,8 +107,8 @@ def geodetic_from_flat(
 
     Notes
     -----
-    In the map of theory section 1, an angle from the reference is the arctangent of a length, up to 45 deg. Farther
-    away the angle grows linearly, with the slope at 45 deg, so that the map covers the whole Earth.
+    In the map of theory section 1, an angle from the reference is the arctangent of length over radius, up to 45 deg.
+    Farther away the angle grows linearly, with the slope at 45 deg, so that the map covers the whole Earth.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = angle_on_flat_map(position_n[0], R_M + reference_height)

@@ -123,8 +123,8 @@ def capability_points(
 ) -> TrimMapPoint:
     """Trim the aircraft at the flight conditions from which `capability_from_points` finds the performance limits.
 
-    The leading axis of the result has level flights at 64 airspeeds within `speeds` (m/s), then level turns, climbs and
-    descents, and a level flight at the airspeed `speed` (m/s). `altitude` (m) is geometric.
+    The leading axis of the result has level flights at 64 airspeeds within `speeds` (m/s), then, all at the airspeed
+    `speed` (m/s), level turns, descents and climbs, and one level flight. `altitude` (m) is geometric.
     """
     turn_rates = environment.gravity * jnp.tan(jnp.asarray(_BANKS)) / speed
     slopes = jnp.append(jnp.asarray(_SLOPES), 0.0)

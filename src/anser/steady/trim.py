@@ -132,7 +132,10 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the accelerations (body axes, g and rad/s^2) that remain at the unknowns `x`; 0 in a steady flight."""
+    """Return the accelerations (body axes, g and rad/s^2) that remain at the unknowns `x`; 0 in a steady flight.
+
+    If the actuators control yaw, the last element is side force / weight.
+    """
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)

@@ -31,7 +31,7 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 class NearestTrim:
     """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes."""
 
-    # changed field of the target: "speed", "path_angle", "turn_rate" or, in a pull-up, "pitch_rate"
+    # changed field of the target: "speed", "path_angle", "turn_rate" or, in a pull-up by pitch rate, "pitch_rate"
     quantity: str
     # value of the target, and nearest trimmable value, SI (m/s, rad, rad/s)
     target_value: float
@@ -86,7 +86,10 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Return a sentence (deg, percent) for each limit that a trim point violates; empty if it can be flown."""
+    """Return a sentence (deg, percent) for each limit that a trim point violates; empty if it can be flown.
+
+    If forces and moments are not balanced, the result is one sentence to say so.
+    """
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
     if not bool(point.converged):
@@ -187,7 +190,7 @@ def nearest_trims(
 
 
 def _changed_rate(target: TrimTarget) -> str:
-    """Return the name of the rate that the diagnosis changes: "pitch_rate" in a pull-up, "turn_rate" otherwise."""
+    """Return the name of the rate that the diagnosis changes: "pitch_rate" if not 0, "turn_rate" otherwise."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 

@@ -100,8 +100,8 @@ def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str
 def _measure(case: _Case) -> tuple[Comparison, ...]:
     """Compare a case with both reference simulations at the judged checkpoints.
 
-    Checkpoints that are not judged, quantities near zero, and cases without checkpoints are listed without published
-    values. If only settled airspeeds are published, the airspeeds at the end of the flight are compared.
+    Checkpoints that are not judged, the second group of `_column_names`, and cases without checkpoints are listed
+    without published values. If only settled airspeeds are published, the airspeeds at the flight's end are compared.
     """
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:

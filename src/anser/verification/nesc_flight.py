@@ -127,7 +127,7 @@ def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) ->
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
     starts, controls, residual = _trim_all(airframe, environment, positions_n, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
-        raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
+        raise RuntimeError(f"the check-case's trim was not found: {np.asarray(residual)} x 10 m/s^2 or rad/s^2 remain")
     return Starts(environment, starts, controls)
 
 
@@ -311,7 +311,10 @@ _LAGS_IN_STEP = 1.6
 
 @functools.cache
 def published_model(name: str) -> Model:
-    """Read the DAVE-ML file `name` (without suffix) of NASA's F-16, such as F16_aero; cached."""
+    """Read the DAVE-ML file `name` (without suffix) of NASA's F-16, such as F16_aero; cached.
+
+    Sources: README beside the files.
+    """
     content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
     return read_dave_ml(content, f"{name}.dml")
 

@@ -99,7 +99,10 @@ class TextbookF16(AbstractAirframe):
 
 
 def _textbook_acceleration(ratios: Iterable[ScalarLike], rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """Compute the angular acceleration, rad/s^2, by [SL] eq. (1.7-5) with the inertia ratios c1 to c9 (`ratios`)."""
+    """Compute the angular acceleration, rad/s^2, by [SL] eq. (1.7-5) with the inertia ratios c1 to c9 (`ratios`).
+
+    `rates_b` are in rad/s, `moment_b` is in N m.
+    """
     c1, c2, c3, c4, c5, c6, c7, c8, c9 = ratios
     P, Q, R = rates_b
     L, M, N = moment_b / FT_LBF_N_M
@@ -219,7 +222,10 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the angular acceleration by the aircraft's own inertia, and a bound on the effect of rounded ratios."""
+    """Return the angular acceleration by the aircraft's own inertia, and a bound on the effect of rounded ratios.
+
+    Both are in rad/s^2; the bound is for the printed ratios c1 to c9.
+    """
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
     moment_b = air_data_and_forces(airframe, environment, 0.0, state).wrench.moment_b

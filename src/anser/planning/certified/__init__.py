@@ -16,7 +16,7 @@ The modules are listed from a fleet's plan down to its mathematics. Modules of `
 ``spline_search``       generator 3: splines in time (``splines``), by damped least squares on violated constraints
 ``timed_profiles``      altitude and airspeed (``profile``) for a flight time, with the shortest direct paths
 ``routes``              turns and legs as a path by arc length
-``clearance``           distances between tracks and from keep-outs, from bounding cylinders in large fleets
+``clearance``           distances between tracks and from keep-outs; in large fleets bounded by cylinders first
 ``path_bounds``         rigorous bounds of a path between its knots, the basis of the certificate
 ``fitted_wind``         layers of wind fitted to a wind field, with bounds of the difference from the field
 ``task``                the planning problem: aircraft, airspace, keep-outs, arrival rule

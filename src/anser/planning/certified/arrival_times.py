@@ -68,8 +68,9 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     """Search for a feasible arrival time before the feasible `latest_time` (s); a generator that asks its caller.
 
     The generator yields a time (s), receives whether this time is feasible, and returns the earliest feasible time
-    found, s. `admissible` are the rising times (s) to choose from. The search goes upward in steps of 12 percent to a
-    feasible time, then by bisection, until the ratio of the feasible to the infeasible time is at most `RESOLUTION`.
+    found, s, at most `latest_time`. `admissible` are the rising times (s) to choose from. The search goes upward in
+    steps of 12 percent to a feasible time, then by bisection, until the ratio of the feasible to the infeasible time is
+    at most `RESOLUTION`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time

@@ -278,9 +278,9 @@ def _detours(
 ) -> _Routed:
     """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path; same length as the profile.
 
-    `word` is the index of the direct path in `timed.direct`; `kind`: see `detour`. Returns the detour with the tightest
-    turns and, if `candidate_set.with_wide_turns`, also with wide turns; stacked. `cost_and_profile` are cost and index
-    of the profile. If the task prescribes the opposite side, the detours are invalid.
+    `word` is the index of the direct path in `timed.direct`; `kind`: see `detour`, or `RACETRACK`. Returns the detour
+    with the tightest turns and, if `candidate_set.with_wide_turns`, also with wide turns; stacked. `cost_and_profile`
+    are cost and index of the profile. If the task prescribes the opposite side, the detours are invalid.
     """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))

@@ -66,7 +66,7 @@ class Profile(eqx.Module):
 
     @property
     def kinks(self) -> Float[Array, "5"]:
-        """Times, s after the start, at which higher derivatives jump.
+        """Times, s after the start, at which higher derivatives jump, in this order.
 
         - ends of: first change of climb, first change of airspeed, initial acceleration
         - starts of: last change of climb, last change of airspeed
@@ -167,7 +167,8 @@ Rates = tuple[ScalarLike, ScalarLike]
 def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
     """Return the duration, s, of a change of airspeed from `begin` to `end` (m/s) within rates of gain and loss.
 
-    `rates` are the greatest gain and loss, m/s^2. The duration is at least 2 s and at most 0.8 `duration`.
+    `rates` are the greatest gain and loss, m/s^2. The result is at least 2 s, and at most 0.8 of the profile's
+    `duration` (s).
     """
     rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
     return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
@@ -316,7 +317,7 @@ def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedP
 
 
 def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
-    """Return the six greatest excesses over the limits at the times of the table; negative within the limit.
+    """Return the six greatest excesses over the limits at the times of the table, in this order; negative within.
 
     - least and greatest airspeed, m/s
     - climb rate through the air, m/s

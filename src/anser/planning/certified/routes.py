@@ -188,7 +188,7 @@ class Route(eqx.Module):
 def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     """Return the limits of curvature (1/m) and sharpness (1/m^2) for a turn `scale` times as wide as the tightest.
 
-    Sharpness is the rate of the curvature along the path. The lengths of the ramps do not depend on `scale`.
+    Sharpness is the rate of the curvature along the path. A ramp to full curvature has the same length for any `scale`.
     """
     return endpoints.curvature_max / scale, endpoints.sharpness / scale
 

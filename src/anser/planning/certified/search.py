@@ -106,8 +106,8 @@ class FleetTask:
     def preferred_times(self) -> ArrivalTimes:
         """Preferred flight time of each aircraft, s: direct path at the preferred mean airspeed, or climb if longer.
 
-        If `direct_times` does not converge, the straight line replaces the direct path. In windows, the airspeed is
-        raised by up to the factor `_WINDOW_SPEED_FACTOR`, but not so far that the straight line would take longer.
+        If `direct_times` does not converge, the straight line replaces the direct path. In windows, the time of the
+        direct path is divided by up to `_WINDOW_SPEED_FACTOR`, but not reduced below the time of the straight line.
         """
         tasks, windows_s = self.tasks, self.request.windows_s
         direct, converged = (np.asarray(x) for x in direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS))
@@ -511,8 +511,8 @@ class _Search:
     ) -> _Attempt:
         """Make a plan for arrival times (s); return the attempt with the mask of failed aircraft.
 
-        If only holds are missing, the plan is stored as `plan_without_holds`, and paths are chosen once more with
-        regard to the time after the arrivals. Extra candidates are for the aircraft `extra_for`.
+        If only holds are missing, the plan is stored as `plan_without_holds`, and a second attempt with regard to the
+        time after the arrivals is returned if no aircraft fails. Extra candidates are for the aircraft `extra_for`.
         """
         arguments = (
             self.start_time,

@@ -50,7 +50,8 @@ class Spline(eqx.Module):
 def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
     """Return values, first and second derivatives of the four B-splines in an interval, at fractions (0 to 1) of it.
 
-    The derivatives are with respect to the fraction. Shape of the result: (order of derivative, fraction, B-spline).
+    The derivatives are with respect to the fraction. Shape of the result: (order of derivative, fraction, B-spline), a
+    NumPy or JAX array like the argument.
     """
     stack = np.stack if isinstance(fractions, np.ndarray) else jnp.stack
     u, v = fractions, 1.0 - fractions

@@ -136,8 +136,9 @@ def assign_holds(
 
     The aircraft choose one after another, in the order of arrival. Each takes its first circle whose hold keeps the
     altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and chosen holds. If
-    no circle does, the circle with the largest clearance ratio is taken. Aircraft in conflict choose again, in at most
-    three rounds. The field `clear` of the result tells for which aircraft a hold without conflict was found.
+    no circle does, the circle with the largest clearance ratio is taken, preferably among holds that lack only the
+    separation. Aircraft in conflict choose again; there are at most three rounds in all. The field `clear` of the
+    result tells for which aircraft a hold without conflict was found.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

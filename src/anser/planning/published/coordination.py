@@ -47,7 +47,7 @@ _SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the
 class FleetPlan(eqx.Module):
     """Plan of a fleet: one trajectory per aircraft, with a common arrival time of the active aircraft.
 
-    The aircraft with the longest path flies without bend; bends give the other paths the same length.
+    The aircraft with the longest path flies without bend; bends lengthen the other paths, see `reference_length`.
     """
 
     trajectories: Trajectory  # trajectories of the aircraft, stacked

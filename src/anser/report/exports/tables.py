@@ -243,7 +243,7 @@ FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] =
     "parquet": lambda dataset, summary, start: to_parquet(dataset),
     "mat": lambda dataset, summary, start: to_mat(dataset),
 }
-"""Functions that return the content of a file, by format, from a flight's dataset, summary, and start (date, time)."""
+"""Functions that return a file's content, by format (also the suffix), from dataset, summary and start of a flight."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
