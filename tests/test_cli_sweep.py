@@ -16,8 +16,8 @@ SINGLE = Path(__file__).parents[1] / "scenarios" / "single-aircraft.toml"
 
 def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     # the program of the flights is that of tests/missions/test_flight_batches.py
-    out, setting = tmp_path / "sweep", ("--set", "timing.step_s=0.02")
-    code, printed, said = anser("sweep", SINGLE, "--set", "wind.speed_m_s=0:8:8", *setting, "--out", out)
+    out, settings = tmp_path / "sweep", ("--set", "timing.step_s=0.02", "--set", "timing.duration_s=45")
+    code, printed, said = anser("sweep", SINGLE, "--set", "wind.speed_m_s=0:8:8", *settings, "--out", out)
     assert code == 0
     assert "wind.speed_m_s" in printed
     assert "sweep.nc and figure written" in said

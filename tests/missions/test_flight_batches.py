@@ -89,7 +89,7 @@ def test_a_scenario_that_does_not_allow_float32_gives_a_row_with_the_reason():
 @pytest.mark.parametrize(
     "nominal",
     [
-        ONE.replace("timing.step_s", 0.02),
+        ONE.replace("timing.duration_s", 60.0, "timing.step_s", 0.02),  # the arrival is at 33 s
         # the arrival is at 60 s, in wind at 63 s
         pytest.param(THREE.replace("timing.duration_s", 66.0, "timing.step_s", 0.02), marks=pytest.mark.long),
     ],
