@@ -11,7 +11,8 @@ from anser.cli.console import InputError
 from anser.cli.sweeps import _print_sweep, parse_sweep_values
 from support.plain_files import read_alone
 
-SINGLE = Path(__file__).parents[1] / "scenarios" / "single-aircraft.toml"
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+SINGLE = SCENARIOS / "single-aircraft.toml"
 
 
 def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
@@ -47,7 +48,7 @@ def test_brackets_and_colons_in_names_are_printed(capsys):
 @pytest.mark.long
 def test_sweep_prints_json_and_ends_with_1_for_a_failed_flight(anser, tmp_path):
     options = ("--set", "aircraft[aircraft-2].start.altitude_m=1500,15000", "--json", "--out", tmp_path / "sweep")
-    code, printed, said = anser("sweep", SINGLE, *options)
+    code, printed, said = anser("sweep", SCENARIOS / "three-aircraft.toml", *options)
     assert code == 1
     assert "1 of 2 flights" in said
     document = json.loads(printed)

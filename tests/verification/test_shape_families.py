@@ -43,7 +43,7 @@ def test_the_figure_names_every_path(families, family, tmp_path):
     paths = draw_shapes(families[family], family, tmp_path)
     assert {path.suffix for path in paths} == {".svg", ".png", ".pdf"}
     text = (tmp_path / f"shape-{family}.svg").read_text()
-    for label in ("Length by the six-point rule", "Published length", "North position", "0.0025 m/s"):
+    for label in ("Length by the six-point rule", "Published estimate of the length", "North position", "0.0025 m/s"):
         assert label in text
     with pytest.raises(FileExistsError):
         draw_shapes(families[family], family, tmp_path)
