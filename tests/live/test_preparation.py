@@ -71,11 +71,14 @@ def test_the_process_stands_still_while_plans_are_asked_for(monkeypatch, tmp_pat
         state = Path(f"/proc/{ahead._process.pid}/stat")
         return state.read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
 
+    def comes_to_a_stand():  # within the pause: the signal is delivered a little later on a machine at work
+        return any(stands() or time.sleep(0.005) for _ in range(1000))
+
     begin = time.monotonic()
     ahead.pause()
     time.sleep(0.2)
     ahead.pause()
-    assert stands()
+    assert comes_to_a_stand()
     while stands():
         assert time.monotonic() < begin + 5.0
         time.sleep(0.01)
@@ -84,7 +87,7 @@ def test_the_process_stands_still_while_plans_are_asked_for(monkeypatch, tmp_pat
     ahead.request(with_aircraft(5), 80.0)  # a process that stands still ends too
     assert not stands()
     ahead.pause()
-    assert stands()
+    assert comes_to_a_stand()
     ahead.close()
     time.sleep(0.5)
 
