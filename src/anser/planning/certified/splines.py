@@ -475,12 +475,7 @@ def normal_equations(
     times = cell * (jnp.arange(cells)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
     violations_at = functools.partial(_violations, problem, start.allowed)
     violations = jax.vmap(jax.vmap(violations_at))(times, states)
-    # The condition is always true. Without a conditional XLA computes the derivatives again for each of their uses.
-    by_state = jax.lax.cond(
-        problem.duration > 0.0,
-        lambda: jax.vmap(jax.vmap(jax.jacfwd(violations_at, argnums=1)))(times, states),
-        lambda: jnp.zeros((*violations.shape, *states.shape[2:])),
-    )
+    by_state = jax.vmap(jax.vmap(jax.jacfwd(violations_at, argnums=1)))(times, states)
     scaled = jnp.stack([jnp.asarray(basis) / cell**k for k, basis in enumerate(basis_values(_SAMPLE_POINTS))])
     by_window = jnp.einsum("nuroa,ouk->nurka", by_state, scaled).reshape(cells, -1, 12)
     gradients = jnp.einsum("nr,nrj->nj", violations.reshape(cells, -1), by_window).reshape(cells, 4, 3)
