@@ -16,7 +16,6 @@ import numpy as np
 import typer
 
 from anser.aircraft.changes import AirframeChange, AirframeChanges
-from anser.aircraft_files.library import span_of
 from anser.analysis.step_flights import step_case
 from anser.analysis.trim_points import resolve_airframe, steady_trim
 from anser.control.inversion_autopilot import InversionAutopilot
@@ -100,7 +99,7 @@ def compiled_flights(count: int, turbulence: str) -> Callable[..., dict[str, jax
             estimator=adaptive_estimator(build_navigation_estimator(navigation, airframe), airframe),
             guidance=PrescribedCommand(command),
             controller=InversionAutopilot(case.gains, case.limits),
-            gusts=air.gusts(span_of(airframe)),
+            gusts=air.gusts(airframe),
             changes=changes,
         )
         instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(STEP_S), source)
