@@ -52,9 +52,7 @@ def test_an_aircraft_file_and_an_own_airframe_are_models(tmp_path):
 def test_a_model_has_its_variant_and_centre_of_gravity_already():
     assert anser.aircraft(f16()) is f16()
     for arguments, arrived in (({"variant": "s119"}, "variant 's119'"), ({"x_cg_over_c": 0.3}, "x_cg_over_c = 0.3")):
-        with pytest.raises(
-            ValueError, match=f"aircraft: arrived {arrived} with an AircraftModel; expected it with a name"
-        ):
+        with pytest.raises(ValueError, match=f"aircraft: arrived {arrived} with an AircraftModel, which has its own"):
             anser.aircraft(f16(), **arguments)
 
 

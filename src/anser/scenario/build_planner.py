@@ -84,8 +84,11 @@ def _decentralised(
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
     reserve, wind_m_s = scenario.fleet.reserve, scenario.wind.speed_max_m_s
-    greatest = min(greatest_rate_range(reserve, scenario.speed_for(a.table), a.limits, wind_m_s) for a in fleet)
     # The check of the file knows no limits that follow from the performance of an aircraft.
+    greatest = min(
+        greatest_rate_range(reserve, scenario.speed_for(aircraft.table), aircraft.limits, wind_m_s)
+        for aircraft in fleet
+    )
     if problems := rate_range_problems(settings.rate_range, reserve, greatest):
         raise ScenarioError(scenario.name, problems)
     separation = planner.airspace.separation

@@ -242,8 +242,10 @@ def aircraft(
     """
     if isinstance(what, AircraftModel):
         if variant != "textbook" or x_cg_over_c is not None:
-            given = f"variant {variant!r}" if variant != "textbook" else f"x_cg_over_c = {x_cg_over_c}"
-            raise ValueError(f"aircraft: arrived {given} with an AircraftModel; expected it with a name, such as 'f16'")
+            argument = f"variant {variant!r}" if variant != "textbook" else f"x_cg_over_c = {x_cg_over_c}"
+            raise ValueError(
+                f"aircraft: arrived {argument} with an AircraftModel, which has its own; expected it with a name: 'f16'"
+            )
         return what
     what = os.fspath(what) if isinstance(what, os.PathLike) else what
     return AircraftModel(*resolve_airframe(what, variant, x_cg_over_c))
