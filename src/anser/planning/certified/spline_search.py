@@ -219,8 +219,8 @@ def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStar
 
 CELLS = 64
 """Number of intervals of a spline; divides the number of intervals of a path."""
-_FIRST_STEPS, _STEPS, _LAST_STEPS = 20, 40, 12
-_TIGHTENING_ROUNDS = 2
+_FIRST_STEPS, _STEPS, _LAST_STEPS = 12, 24, 16
+_TIGHTENING_ROUNDS = 3
 _REFINED_FACTOR = 2  # number of searches continued after the first steps, per returned spline
 _DAMPING = Damping(lambda cost: 1e-2 * cost, 0.2, 5.0, 1e-9, 1e9)
 _COST_CONVERGED = 1e-9  # cost at which violations are small against the tightening of the limits
@@ -268,10 +268,12 @@ def find_splines(
         start = spline_start(problem, CELLS, guess)
         return start_at(start, step_metric(problem, start))
 
-    def fit(searches: SearchState, steps: int) -> SearchState:
-        def equations_at(context: tuple[SplineStart, BlockTridiagonal], x: Array) -> NormalEquations:
-            return normal_equations(problem, context[0], x)
+    # one search after another: the arrays of one search fit into the processor's cache, those of all do not
+    @jax.custom_batching.sequential_vmap
+    def equations_at(context: tuple[SplineStart, BlockTridiagonal], x: Array) -> NormalEquations:
+        return normal_equations(problem, context[0], x)
 
+    def fit(searches: SearchState, steps: int) -> SearchState:
         return search_steps(equations_at, _spline_step, _DAMPING, steps, searches, max_splines, _COST_CONVERGED)
 
     fits = fit(jax.vmap(initialize)(make_guesses(starts)), _FIRST_STEPS)

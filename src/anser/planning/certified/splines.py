@@ -214,6 +214,7 @@ def spline_path(
 
 GROUP = 4
 """Number of coefficients that form one block of the normal equations; divides the number of intervals of a spline."""
+_PAIRS = tuple((i, j) for i in range(4) for j in range(i, 4))  # pairs of an interval's four coefficients
 _SAMPLE_POINTS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval; the start is fixed
 _SPEED, _FORCE, _ALONG, _CLIMB, _HEIGHT_M, _INSIDE_M = 5.0, 1.0, 0.3, 2.0, 50.0, 200.0
 """Violations of equal weight: airspeed, m/s; force across and along the path, m/s^2; climb rate, m/s; altitude, m;
@@ -329,11 +330,11 @@ def _limit_violations(
     altitude: Scalar,
     velocity: Float[Array, "3"],
     acceleration: Float[Array, "3"],
-) -> Float[Array, "8"]:
+) -> Float[Array, "6"]:
     """Return the violations of the flight limits at one sample point, in units of equal weight; 0 if satisfied.
 
-    `altitude` in m, `velocity` and `acceleration` over the ground, NED, m/s and m/s^2. In order: least and greatest
-    airspeed, bank angle, load factor, force along the path, climb rate, least and greatest altitude.
+    `altitude` in m, `velocity` and `acceleration` over the ground, NED, m/s and m/s^2. In order: airspeed, bank angle,
+    load factor, force along the path, climb rate, altitude.
     """
     limits, gravity = problem.task.limits, problem.airspace.gravity
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
@@ -347,14 +348,12 @@ def _limit_violations(
     )
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     violations = [
-        (allowed.speed_min - required.speed) / _SPEED,
-        (required.speed - allowed.speed_max) / _SPEED,
+        jnp.maximum(allowed.speed_min - required.speed, required.speed - allowed.speed_max) / _SPEED,
         bank_excess / _FORCE,
         load_excess / _FORCE,
         along_excess / _ALONG,
         (jnp.abs(velocity[2] - wind[2]) - allowed.climb_rate) / _CLIMB,
-        (low - altitude) / _HEIGHT_M,
-        (altitude - high) / _HEIGHT_M,
+        jnp.maximum(low - altitude, altitude - high) / _HEIGHT_M,
     ]
     return jnp.maximum(jnp.stack(violations), 0.0)
 
@@ -413,19 +412,37 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
     return jax.scipy.linalg.block_diag(jnp.eye(3), last_block)
 
 
-def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Sum the intervals' quadratic forms into blocks of `GROUP` coefficients, without the first three, fixed ones."""
-    cells, axes = cell_forms.shape[0], cell_forms.shape[3]
-    phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
-    # The first interval of a group reaches three coefficients back into the previous group, the last one none.
-    padded = [jnp.pad(phases[:, k], ((0, 0), (k + 1, 3 - k), (k + 1, 3 - k), (0, 0), (0, 0))) for k in range(GROUP)]
-    padded_sum = functools.reduce(jnp.add, padded)
-    diagonal = padded_sum[:, 4:, 4:].at[:-1].add(padded_sum[1:, :4, :4])
+def _sum_into_groups(cell_forms: Float[Array, "pairs 3 3 cells"]) -> BlockTridiagonal:
+    """Sum the intervals' quadratic forms into blocks of `GROUP` coefficients, without the first three, fixed ones.
 
-    def flatten(blocks: Array) -> Array:
-        return jnp.swapaxes(blocks, 2, 3).reshape(-1, GROUP * axes, GROUP * axes)
+    The form of an interval has a 3 by 3 block for each pair of its four coefficients, in the order of `_PAIRS`.
+    """
+    # bands[d] has the blocks of each coefficient (row) with the d-th coefficient after it (column)
+    bands = jnp.stack(
+        [
+            functools.reduce(
+                jnp.add, [_shifted(block, i) for block, (i, j) in zip(cell_forms, _PAIRS, strict=True) if j - i == d]
+            )
+            for d in range(GROUP)
+        ]
+    )
+    upper = bands.reshape(GROUP, 3, 3, -1, GROUP)  # (d, axis, axis, group, coefficient in the group)
+    lower = jnp.swapaxes(upper, 1, 2)
+    none = jnp.zeros_like(upper[0, ..., 0])
+    columns = range(GROUP)
+    diagonal = [[upper[j - i, ..., i] if i <= j else lower[i - j, ..., j] for j in columns] for i in columns]
+    subdiagonal = [[lower[GROUP + i - j, ..., j] if i < j else none for j in columns] for i in columns]
 
-    return BlockTridiagonal(flatten(diagonal), flatten(padded_sum[:, 4:, :4]))
+    def flatten(blocks: list[list[Array]]) -> Array:
+        stacked = jnp.stack([jnp.stack(row) for row in blocks])
+        return jnp.transpose(stacked, (4, 0, 2, 1, 3)).reshape(-1, 3 * GROUP, 3 * GROUP)
+
+    return BlockTridiagonal(flatten(diagonal), jnp.roll(flatten(subdiagonal), 1, axis=0))
+
+
+def _shifted(cell_values: Float[Array, "*axes cells"], k: int) -> Float[Array, "*axes coefficients"]:
+    """Assign the values of the intervals to each interval's coefficient k; without the first three coefficients."""
+    return jnp.pad(cell_values, [(0, 0)] * (cell_values.ndim - 1) + [(k, 3 - k)])[..., 3:]
 
 
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
@@ -458,8 +475,8 @@ def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
         + acceleration / (_STEP_ACCELERATION * cell**2) ** 2
     )
     end_jacobian = _end_jacobian(start, cell)
-    cell_block = cell_form[None, :, :, None, None] * jnp.eye(3)[None, None, None]
-    size = _in_unknowns(_sum_into_groups(jnp.tile(cell_block, (cells, 1, 1, 1, 1))), end_jacobian)
+    cell_forms = jnp.stack([cell_form[pair] * jnp.eye(3) for pair in _PAIRS])
+    size = _in_unknowns(_sum_into_groups(jnp.tile(cell_forms[..., None], cells)), end_jacobian)
     inactive = jnp.where(jnp.any(end_jacobian != 0.0, axis=0), 0.0, 1.0)
     return size._replace(diagonal=size.diagonal.at[-1].add(jnp.diag(inactive)))
 
@@ -468,21 +485,27 @@ def normal_equations(
     problem: SplineProblem, start: SplineStart, unknowns: Float[Array, "groups 12"]
 ) -> NormalEquations:
     """Build the normal equations for the violations of a spline at the four sample points of each interval."""
-    cells = start.coefficients.shape[0] - 3
-    spline = Spline(problem.duration, update_coefficients(start, problem.duration / cells, unknowns))
-    cell = spline.cell
-    states = spline_states(spline, _SAMPLE_POINTS)
-    times = cell * (jnp.arange(cells)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
+    # Samples are on the last axis of all arrays, which the processor's vector instructions traverse.
+    cells, points = start.coefficients.shape[0] - 3, jnp.asarray(_SAMPLE_POINTS)
+    cell = problem.duration / cells
+    windows = coefficient_windows(update_coefficients(start, cell, unknowns))
+    basis = jnp.stack([jnp.asarray(values) / cell**k for k, values in enumerate(basis_values(_SAMPLE_POINTS))])
+    states = jnp.einsum("ouk,nka->oaun", basis, windows).reshape(3, 3, -1)
+    times = (cell * (jnp.arange(cells)[None, :] + points[:, None])).ravel()
     violations_at = functools.partial(_violations, problem, start.allowed)
-    violations = jax.vmap(jax.vmap(violations_at))(times, states)
-    by_state = jax.vmap(jax.vmap(jax.jacfwd(violations_at, argnums=1)))(times, states)
-    scaled = jnp.stack([jnp.asarray(basis) / cell**k for k, basis in enumerate(basis_values(_SAMPLE_POINTS))])
-    by_window = jnp.einsum("nuroa,ouk->nurka", by_state, scaled).reshape(cells, -1, 12)
-    gradients = jnp.einsum("nr,nrj->nj", violations.reshape(cells, -1), by_window).reshape(cells, 4, 3)
-    squares = jnp.einsum("nri,nrj->nij", by_window, by_window).reshape(cells, 4, 3, 4, 3)
-    form = _sum_into_groups(jnp.swapaxes(squares, 2, 3))
-    gradient = functools.reduce(jnp.add, (jnp.pad(gradients[:, k], ((k, 3 - k), (0, 0))) for k in range(4)))
-    gradient = gradient[3:].reshape(cells // GROUP, 3 * GROUP)
+    violations_of = jax.vmap(violations_at, in_axes=(0, -1), out_axes=-1)
+    changes = jnp.tile(jnp.eye(9).reshape(9, 3, 3, 1), times.shape[0])
+    violations, by_state = jax.vmap(
+        lambda change: jax.jvp(lambda at: violations_of(times, at), (states,), (change,)), out_axes=(None, 0)
+    )(changes)
+    rows = range(violations.shape[0])
+    gradients = functools.reduce(jnp.add, [violations[None, r] * by_state[:, r] for r in rows])
+    squares = functools.reduce(jnp.add, [by_state[:, None, r] * by_state[None, :, r] for r in rows])
+    by_coefficient = jnp.einsum("ouk,oaun->kan", basis, gradients.reshape(3, 3, points.size, cells))
+    products = jnp.stack([basis[:, None, :, i] * basis[None, :, :, j] for i, j in _PAIRS])
+    form = jnp.einsum("poqu,oaqbun->pabn", products, squares.reshape(3, 3, 3, 3, points.size, cells))
+    gradient = functools.reduce(jnp.add, [_shifted(by_coefficient[k], k) for k in range(4)])
+    gradient = gradient.T.reshape(cells // GROUP, 3 * GROUP)
     end_jacobian = _end_jacobian(start, cell)
     gradient = gradient.at[-1].set(end_jacobian.T @ gradient[-1])
-    return NormalEquations(0.5 * jnp.sum(violations**2), gradient, _in_unknowns(form, end_jacobian))
+    return NormalEquations(0.5 * jnp.sum(violations**2), gradient, _in_unknowns(_sum_into_groups(form), end_jacobian))
