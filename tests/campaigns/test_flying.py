@@ -9,11 +9,13 @@ import xarray as xr
 from anser import campaigns
 from anser.campaigns import Campaign, StoreError, flights
 from anser.campaigns.estimates import _causes
-from anser.campaigns.flights import create_store, flight_scenario, fly_campaign
+from anser.campaigns.flights import create_store, dispersed_scenario, flight_scenario, fly_campaign
 from anser.campaigns.replay import replay_differences, row_differences
-from anser.campaigns.store import CampaignStore
+from anser.campaigns.store import _WIDTHS, CampaignStore, shortened
 from anser.config import ScenarioError
+from anser.simulation.closed_loop import STATUS_MESSAGES
 from campaigns.study_cases import THREE, made_up, study_of
+from support.wind_files import metric_file
 
 FLIGHTS, CHUNK = 50, 8
 
@@ -166,11 +168,28 @@ def test_a_status_that_is_stored_shortened_is_no_difference(tmp_path):
     data = store.dataset().load()
     number = int(np.flatnonzero(data["met"].values)[0])
     (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
-    status = "the aircraft reached the ground; later samples repeat the last state; then so on"
+    status = "the aircraft reached the ground; later samples repeat the last state; then " + 100 * "so on, "
     flight_row.aircraft[0]["status"] = status
     assert set(row_differences(data, number, flight_row)) == {"status"}
-    data["status"][{"flight": number, "aircraft": 0}] = f"{status[:61]}..."
+    data["status"][{"flight": number, "aircraft": 0}] = shortened(np.array([status]), "status")[0]
     assert row_differences(data, number, flight_row) == {}
+
+
+def test_stored_statuses_are_distinct():
+    compounds = np.array([f"{first}; then {last}" for first in STATUS_MESSAGES for last in STATUS_MESSAGES])
+    for texts in (np.array(STATUS_MESSAGES), compounds):
+        stored = shortened(texts, "status")
+        assert np.unique(stored).size == texts.size
+        assert max(map(len, stored.tolist())) <= _WIDTHS["status"]
+
+
+def test_a_flight_outside_the_wind_field_is_a_failed_start(tmp_path):
+    grid = {"north": np.array([-1e4, 1e4]), "east": np.array([-1e4, 1e4]), "altitude": np.array([0.0, 5e3])}
+    path = metric_file(tmp_path / "f.nc", lambda t, n, e, h: (0.0 * n, 0.0 * n, 0.0 * n), **grid)
+    windy = THREE.replace("wind", {"field": str(path)})
+    assert dispersed_scenario(windy, 1, {"aircraft[0].start.north_m": np.array([-8e3])}, 0).seed == 1
+    with pytest.raises(ScenarioError, match="wind field"):
+        dispersed_scenario(windy, 1, {"aircraft[0].start.north_m": np.array([-2e4])}, 0)
 
 
 def test_an_aircraft_that_left_the_fleet_is_no_cause_of_a_failure():
@@ -288,6 +307,13 @@ def test_series_that_no_flight_has_are_refused_before_flying(tmp_path, keep, var
     assert not any((tmp_path / "out").iterdir())
 
 
+def test_series_are_kept_where_a_setting_varies_that_leaves_their_times(tmp_path):
+    (tmp_path / "out").mkdir()
+    freeze = {"path": "timing.freeze_s", "distribution": "choice", "values": [2.0, 3.0]}
+    store = create_store(tmp_path / "out", study_of(keep={"series": ["airspeed"]}, vary=[freeze]), THREE, {})
+    assert store.series_selection.keys == ("airspeed",)
+
+
 def test_series_that_some_flights_have_are_kept(tmp_path):
     (tmp_path / "out").mkdir()
     air = {"path": "turbulence.intensity", "distribution": "choice", "values": ["none", "light"]}
@@ -296,7 +322,7 @@ def test_series_that_some_flights_have_are_kept(tmp_path):
 
 
 def test_the_required_disk_space_includes_series(tmp_path, monkeypatch):
-    monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 200_000})())
+    monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 300_000})())
     new_store(tmp_path / "without")
     with pytest.raises(StoreError, match="MB free; expected"):
         new_store(tmp_path / "with", keep=KEEP)

@@ -11,6 +11,7 @@ from anser.campaigns.rare_flights import RareFlights, RareStore
 from anser.campaigns.subset import SubsetPlan
 from anser.config import ScenarioError
 from anser.results.flight_rows import FlightRow
+from anser.simulation.closed_loop import OUTSIDE_WIND, STATUS_MESSAGES
 from campaigns.rare_cases import ABOVE, BELOW, RARE_TEXT, made_up, rare_study
 from campaigns.study_cases import STUDIES, THREE
 
@@ -161,6 +162,8 @@ def test_failed_flights_count_as_the_event():
     (flight_row,) = made_up([flights.case(points[int(np.argmax(winds))])])
     assert np.isfinite(flights.limit_state_value(flight_row))
     flight_row.aircraft[1]["status"] = "the aircraft reached the ground; later samples repeat the last state"
+    assert flights.limit_state_value(flight_row) == np.inf
+    flight_row.aircraft[1]["status"] = STATUS_MESSAGES[OUTSIDE_WIND]
     assert flights.limit_state_value(flight_row) == np.inf
     flight_row.aircraft[1].update(status="arrived", miss_m=None)
     assert flights.limit_state_value(flight_row) == np.inf

@@ -70,6 +70,13 @@ def test_repeated_evaluation_costs_little_coverage():
     assert 0.946 <= covered / 4000 <= 0.972
 
 
+def test_the_arrival_spread_of_one_aircraft_is_no_rule(tmp_path):
+    alone = THREE.replace("aircraft", [THREE.aircraft[0]], "goal", [THREE.goal[0]])
+    study = study_of(until={"statistic": "arrival_spread_s", "share": 0.5, "width": 1.0})
+    with pytest.raises(ScenarioError, match=r'until\.statistic: arrived "arrival_spread_s" of one aircraft'):
+        create_store(tmp_path, study, alone, {})
+
+
 def test_a_rule_for_low_discrepancy_samples_is_refused():
     with pytest.raises(ScenarioError, match="only of plain Monte Carlo"):
         study_of(sampling={"method": "sobol", "flights": 64}, until=UNTIL)

@@ -106,6 +106,13 @@ def test_inconsistent_tables_are_refused(changes, said):
     assert said in str(caught.value)
 
 
+def test_an_item_that_is_no_value_is_named_once():
+    vary = [{"path": "wind.speed_m_s", "distribution": "choice", "values": [[1.0], 2.0]}]
+    with pytest.raises(ScenarioError) as caught:
+        study_of(vary=vary)
+    assert {problem.path for problem in caught.value.problems} == {"vary[0].values[0]"}
+
+
 def test_an_unknown_precision_is_refused():
     with pytest.raises(ScenarioError, match='precision: arrived "float16"; expected "float64" or "float32"'):
         study_of(precision="float16")

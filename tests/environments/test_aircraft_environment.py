@@ -298,6 +298,7 @@ def test_wrong_names_are_refused(arguments, message):
         ({"step_s": 0.1, "action": "velocity"}, "step_s: arrived 0.1; expected .* from 0.001 to 0.05 s"),
         ({"study": "mine.toml"}, "study: arrived mine.toml; expected a task with a plan"),
         ({"flown": FlightRange((5.0, 6.0), (1000.0, 2000.0))}, "drawn conditions are steady flights"),
+        ({"seed": -1}, "seed: arrived -1; expected a whole number from 0"),
         ({"flown": FlightRange((100.0, 200.0), (1000.0, 2000.0)), "task": "Arrival"}, "Arrival: arrived flown"),
     ],
 )
@@ -348,6 +349,18 @@ def test_nothing_is_required_of_a_mission(aircraft, tables):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"speed_m_s": (100.0, float("inf"))}, "flown.speed_m_s: arrived 100 to inf"),
+        ({"wind_m_s": -5.0}, "flown.wind_m_s: arrived -5; expected a finite number from 0"),
+    ],
+)
+def test_ranges_are_finite_and_not_negative(given, message):
+    with pytest.raises(ValueError, match=message):
+        FlightRange(**{"speed_m_s": (100.0, 200.0), "altitude_m": (1000.0, 2000.0), **given})
+
+
 def test_derived_gains_are_those_of_the_step():
     coarse, fine = (single_aircraft("aerosonde", {}, step_s)[0].controller.gains.rates for step_s in (0.02, 0.01))
     assert np.all(np.asarray(coarse.proportional) < np.asarray(fine.proportional))

@@ -223,7 +223,11 @@ def test_wrong_arguments_are_refused(environment, single, vector):
     single.reset(seed=0)
     with pytest.raises(ValueError, match=r"action: arrived the shape \(3,\); expected \(4,\)"):
         single.step(np.zeros(3))
-    vector.reset(seed=0)
+    while not any(single.step(np.zeros(4))[2:4]):
+        pass
+    with pytest.raises(ValueError, match="step: arrived after the end of the episode"):
+        single.step(np.zeros(4))
+    vector.reset(seed=np.int64(0))
     actions = np.zeros((COUNT, 4))
     actions[2, 1] = np.nan
     with pytest.raises(ValueError, match=r"action: arrived nan at index \[2, 1\]"):

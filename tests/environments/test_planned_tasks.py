@@ -205,10 +205,41 @@ def test_the_experts_of_a_fleet_follow_their_plans():
     assert np.all(offset < 5.0)
 
 
-@pytest.mark.long
 def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
     with pytest.raises(ValueError, match="study: arrived 3 aircraft; expected one, or the task FleetArrival"):
         make("Arrival", "velocity", study=study_file(tmp_path, "fleet", 8))
+    with pytest.raises(ValueError, match="study: arrived one aircraft; expected several"):
+        make("FleetArrival", "velocity", study=study_file(tmp_path, "arrival", 3))
+
+
+def test_a_study_with_a_measured_goal_is_refused(tmp_path):
+    path = study_file(tmp_path, "arrival", 3)
+    scenario = tmp_path / "arrival.toml"
+    scenario.write_text(scenario.read_text(encoding="utf-8") + '\n[goal_sensor]\npreset = "camera"\n', encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r'goal_sensor\.preset: arrived "camera"; expected "exact"'):
+        make("Arrival", "velocity", study=path)
+
+
+@pytest.mark.long
+def test_a_study_flies_with_its_own_step_or_the_given_one(tmp_path):
+    path = study_file(tmp_path, "arrival", 3)
+    scenario = tmp_path / "arrival.toml"
+    text = scenario.read_text(encoding="utf-8")
+    assert "step_s" not in text
+    scenario.write_text(text.replace("[timing]", "[timing]\nstep_s = 0.02"), encoding="utf-8")
+    coarse, fine = make("Arrival", "velocity", study=path), make("Arrival", "velocity", study=path, step_s=0.01)
+    assert (coarse.decision_steps, fine.decision_steps) == (5, 10)
+    assert coarse.identity == fine.identity == {"aircraft": "f16", "variant": "textbook"}
+
+
+@pytest.mark.long
+def test_flights_that_would_arrive_after_their_end_are_left_out(tmp_path):
+    path = study_file(tmp_path, "arrival", 3)
+    scenario = tmp_path / "arrival.toml"
+    text = scenario.read_text(encoding="utf-8")
+    scenario.write_text(text.replace("duration_s = 180.0", "duration_s = 20.0"), encoding="utf-8")
+    with pytest.raises(ScenarioError, match="3 flights of which none has a plan"):
+        make("Arrival", "velocity", study=path)
 
 
 def test_a_study_without_one_common_arrival_time_is_refused(tmp_path):

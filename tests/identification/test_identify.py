@@ -385,6 +385,16 @@ def test_a_window_and_a_run_with_several_aircraft():
     assert part["Cm_alpha"] == pytest.approx(whole["Cm_alpha"], rel=0.02)
 
 
+@pytest.mark.parametrize("take", [lambda fleet: fleet.sel(aircraft="small"), lambda fleet: fleet])
+def test_the_aircraft_of_a_scenario_is_the_named_or_the_selected_one(take):
+    aircraft = [{"name": "big", "type": "f16"}, {"name": "small", "type": "aerosonde"}]
+    fleet = flight("multisine").dataset.expand_dims(aircraft=["big", "small"]).transpose("time", "aircraft")
+    fleet = fleet.assign_attrs(scenario=json.dumps({"aircraft": aircraft}))
+    named = {"aircraft_name": "small"} if "aircraft" in take(fleet).dims else {}
+    found = _resolve(None, flight_record(take(fleet), **named), named.get("aircraft_name"))
+    assert found.identity["aircraft"] == "aerosonde"
+
+
 def test_names_of_aircraft():
     assert slug("F-16 (textbook) / estimated") == "f-16-textbook-estimated"
     assert slug("***") == "aircraft"

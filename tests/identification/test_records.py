@@ -93,6 +93,7 @@ def test_each_defect_of_a_recording_has_a_message(tmp_path):
         "text in the column 'alpha_deg'": table(alpha_deg="high"),
         "the columns beta_deg; expected a column time_s": table()[["beta_deg"]],
         "expected names of the catalogue": pd.DataFrame({"time_s": time, "AOA": 0.0 * time}),
+        "dates or durations in the column 'time_s'": table(time_s=pd.to_datetime(time, unit="s")),
         "a dataset without the coordinate time": flight("doublet").dataset.drop_vars("time"),
         "no file": tmp_path / "absent.csv",
         "dict": {},
@@ -106,6 +107,7 @@ def test_each_defect_of_a_map_has_a_message():
         "'incidence'": {"incidence": "alpha_deg"},
         "the column 'AOA'": {"alpha_deg": "AOA"},
         "the unit 'm/s'; expected one of rad, deg": {"alpha_deg": {"column": "alpha_deg", "unit": "m/s"}},
+        "the factor nan; expected a finite number": {"alpha_deg": {"column": "alpha_deg", "factor": float("nan")}},
         "a table of column, unit and factor": {"alpha_deg": {"column": "alpha_deg", "scale": 2.0}},
     }
     for text, columns in messages.items():
@@ -117,6 +119,9 @@ def test_a_fleet_needs_the_name_of_an_aircraft():
     assert "2 aircraft; expected one of a, b" in refused(fleet)
     assert "'c'; expected one of a, b" in refused(fleet, aircraft_name="c")
     np.testing.assert_array_equal(flight_record(fleet, aircraft_name="b")["alpha"], clean_record("doublet")["alpha"])
+    selected = fleet.sel(aircraft="b")
+    assert flight_record(selected).attributes["aircraft_name"] == "b"
+    assert "'a'; expected b" in refused(selected, aircraft_name="a")
 
 
 def test_a_record_names_the_channel_that_it_lacks():

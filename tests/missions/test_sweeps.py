@@ -7,7 +7,7 @@ import pytest
 
 import anser
 from anser.config import ScenarioError
-from anser.missions.sweeps import swept_scenarios
+from anser.missions.sweeps import _coordinate_values, swept_scenarios
 
 THREE = anser.load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
 
@@ -31,6 +31,11 @@ def test_every_combination_is_flown_and_labelled():
         assert float(aircraft_data["miss_m"]) == pytest.approx(entry["miss_m"], abs=1e-6)
     assert data.attrs["scenario_hash"] == THREE.hash
     assert data["arrival_s"].attrs["units"] == "s"
+
+
+def test_numbers_of_numpy_are_coordinates():
+    np.testing.assert_array_equal(_coordinate_values([np.int64(0), np.float32(2.5)]), [0.0, 2.5])
+    assert _coordinate_values([np.True_, np.False_]).dtype == bool
 
 
 def test_the_last_path_varies_fastest():

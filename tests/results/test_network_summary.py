@@ -7,7 +7,7 @@ from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.planning.decentralised.time_coordination import guaranteed_rate
 from anser.results.network_summary import decode_links, summarize_network
 from anser.scenario import loads
-from anser.simulation.closed_loop import LEFT_FLEET
+from anser.simulation.closed_loop import BREAKAWAY, LEFT_FLEET
 from scenario.test_schema_network import ALONE
 
 STEP_S, END_S = 0.1, 60.0
@@ -108,3 +108,6 @@ def test_a_path_that_no_longer_leads_to_the_rendezvous_is_named():
     # a path that was corrected, or ends within the tube, is not outdated
     assert summary_of(complete, renewal=CORRECTED, path_end_m=269.4)["outdated_paths"] == []
     assert summary_of(complete, renewal=kept, path_end_m=network.tube_m - 0.1)["outdated_paths"] == []
+    # nor is that of an aircraft that left its plan
+    broke_off = np.where(time_s[:, None] > 20.0, BREAKAWAY, 0) * np.array([0, 1])
+    assert summary_of(complete, renewal=kept, path_end_m=269.4, status=broke_off)["outdated_paths"] == []

@@ -20,7 +20,7 @@ from anser.results.netcdf import read_netcdf
 from anser.simulation.open_loop import PrescribedCommand
 from anser.simulation.response import ConstantCommand
 from anser.single_aircraft.flight import autopilot
-from anser.single_aircraft.starts import resolve_start
+from anser.single_aircraft.starts import named_state, resolve_start
 from support import stevens_lewis as textbook
 
 DURATION_S = 10.0
@@ -310,6 +310,21 @@ def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
         ({"start": {"airspeed_m_s": 150.0, "altitude_m": -10.0}}, "above the ground"),
         ({"start": 7}, "start: arrived int; expected a trim"),
         ({"record_period_s": 0.015}, "a multiple of the step"),
+        ({"record_period_s": float("nan")}, "record_period_s: arrived nan"),
+        (
+            {"controls": {"elevator": 1.0, "elevator_deg": 2.0}},
+            "'elevator' and 'elevator_deg'; expected each input once",
+        ),
+        (
+            {"controls": {"elevator": anser.doublet(1.0, width_s=0.002)}},
+            "a pulse of 0.002 s; expected at least the step",
+        ),
+        (
+            {"controls": lambda t, x: {"elevator": 1.0}, "increments": True},
+            "increments: arrived True beside a function",
+        ),
+        ({"gust": [{"up_m_s": 5.0, "length_m": 100.0, "aircraft": "north"}]}, r'gust\[0\]\.aircraft: arrived "north"'),
+        ({"gust": [{"up_m_s": 5.0, "length_m": 100.0, "time_s": 50.0}]}, r"gust\[0\]\.time_s: arrived 50"),
         ({"controller": "pid"}, "controller: arrived 'pid'"),
         ({"controller": "inversion", "controls": {"elevator": 1.0}}, "expected one of the two"),
         ({"command": {"course_deg": 1.0}}, "command: arrived without a controller"),
@@ -336,6 +351,37 @@ def test_a_trim_of_another_aircraft_is_no_start():
         anser.simulate("aerosonde", level(), duration_s=1.0)
     with pytest.raises(ValueError, match=r"arrived a trim of another aircraft of the same mass"):
         anser.simulate(anser.aircraft("f16", x_cg_over_c=0.25), level(), duration_s=1.0)
+
+
+def test_a_trim_in_wind_starts_at_its_airspeed():
+    still = standard_environment()
+    windy = dataclasses.replace(still, wind=SteadyWind(jnp.array([20.0, 5.0, 0.0])))
+    trim = anser.trim("f16", 150.0, 1000.0, environment=windy)
+    for environment in (still, windy):
+        point = resolve_start(f16().airframe, environment, trim)
+        assert named_state(f16().airframe, environment, point)["airspeed_m_s"] == pytest.approx(150.0, abs=1e-9)
+
+
+def test_a_start_by_name_has_the_scheduled_flap_of_the_trim():
+    aircraft = anser.aircraft("f16", variant="tp1538")
+    trim = aircraft.trim(speed_m_s=150.0, altitude_m=1000.0)
+    still, flap = standard_environment(), aircraft.airframe.actuators
+    point = resolve_start(aircraft.airframe, still, aircraft.start(trim))
+    np.testing.assert_allclose(point.state.actuators.alpha_lag, trim.point.state.actuators.alpha_lag, atol=1e-9)
+    np.testing.assert_allclose(flap.position(point.state.actuators), trim.point.state.surfaces, atol=1e-9)
+
+
+def test_rows_far_apart_cost_no_further_steps():
+    flown = anser.simulate(f16(), level(), duration_s=SHORT_S, record_period_s=2.0).dataset
+    whole = anser.simulate(f16(), level(), duration_s=SHORT_S).dataset
+    np.testing.assert_array_equal(flown.altitude_m, whole.altitude_m[::200])
+
+
+def test_increments_are_added_to_the_motion_of_the_start_too():
+    flown = anser.simulate(
+        f16(), level(), controller="inversion", command={"airspeed_m_s": 10.0}, increments=True, duration_s=SHORT_S
+    ).dataset
+    assert float(flown.airspeed_command_m_s[-1]) == pytest.approx(160.0)
 
 
 def test_wrong_air_is_refused_as_in_a_scenario():

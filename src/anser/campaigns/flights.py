@@ -33,6 +33,7 @@ from anser.missions.flight_outputs import FlightOutput
 from anser.missions.runs import check_precision, needs_single_flight
 from anser.results.flight_rows import FlightRow
 from anser.scenario.build import build_flight
+from anser.scenario.build_wind_field import check_wind_field
 from anser.scenario.flight_checks import refuse_unused_keys
 from anser.scenario.schema import Scenario
 from anser.variables import DERIVED_KEYS, OPTIONAL_KEYS, all_surface_names, catalogue
@@ -226,7 +227,9 @@ def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarr
     `applied` has an array over the flights for each key path. Raises ScenarioError if the result is invalid.
     """
     changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
-    return base.replace(*itertools.chain.from_iterable(changes.items()))
+    scenario = base.replace(*itertools.chain.from_iterable(changes.items()))
+    check_wind_field(scenario)
+    return scenario
 
 
 def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
@@ -237,6 +240,9 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
     valid flights.
     """
     check_precision(scenario, study.precision, study.name)
+    if study.until is not None and study.until.statistic == "arrival_spread_s" and len(scenario.aircraft) == 1:
+        expected = '"met", "miss_m" or the name of an [[output]]'
+        raise ScenarioError(study.name, [Problem("until.statistic", '"arrival_spread_s" of one aircraft', expected)])
     cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))
     if not cases:
         try:

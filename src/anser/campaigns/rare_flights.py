@@ -33,7 +33,7 @@ from anser.numerics.arrays import as_array, bucket_size
 from anser.numerics.randomness import DISPERSIONS, BlendedRandomness, draw_uniforms, flight_keys
 from anser.results.flight_rows import FlightRow
 from anser.scenario.schema import Scenario
-from anser.simulation.closed_loop import AT_GROUND, NO_TRIM, NOT_FINITE, STATUS_MESSAGES
+from anser.simulation.closed_loop import AT_GROUND, NO_TRIM, NOT_FINITE, OUTSIDE_WIND, STATUS_MESSAGES
 
 _TERMS_MIN = 128
 """Least length of the arrays of a point's flights and weights: few lengths mean few compiled programs."""
@@ -95,7 +95,7 @@ class GaussianSpace:
         return np.einsum("pt,ptc->pc", points["weights"][:, :width], normals)
 
 
-_CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND))
+_CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND, OUTSIDE_WIND))
 """Aircraft statuses after which the statistics of the flight are meaningless."""
 _BATCH_MAX = 64
 """Maximum number of flights per compiled call: fewer than in a campaign, so that all processes have work."""
@@ -181,8 +181,8 @@ class RareFlights:
     def limit_state_value(self, flight_row: FlightRow) -> float:
         """Return the signed value of the event's statistic for the worst aircraft of a flight.
 
-        The value is infinite if the flight could not start, an aircraft crashed or could not be trimmed, or the
-        statistic of an aircraft is missing.
+        The value is infinite if the flight could not start, an aircraft crashed, left the wind field or could not be
+        trimmed, or the statistic of an aircraft is missing.
         """
         statistic = self.config.statistic
         summaries = [flight_row.fleet] if statistic in ("separation_min_m", "arrival_spread_s") else flight_row.aircraft

@@ -22,6 +22,7 @@ from anser.campaigns.store_integrity import SERIES, AbstractFlightStore, StoreCh
 from anser.campaigns.study import Study, select_series
 from anser.missions.flight_outputs import OutputRecording
 from anser.missions.series import SeriesSelection
+from anser.results.arrival import THEN
 from anser.results.checksums import file_digest
 from anser.results.flight_rows import FlightColumn, FlightRow, tabulate_flights, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, wilson_interval
@@ -307,7 +308,7 @@ def _write_every_chunk() -> Iterator[None]:
         yield
 
 
-_WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
+_WIDTHS = {"status": 128, "unmet": 256, "reason": 512}
 """Maximum number of characters of text columns by name; longer texts are truncated and end with three dots."""
 
 
@@ -322,11 +323,20 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the values of column `name` as stored: texts longer than the column's width are cut and end in dots."""
+    """Return the values of column `name` as stored: texts longer than the column's width are cut and end in dots.
+
+    Of a status "first; then last" each part is cut, so that both remain distinct.
+    """
     width = _WIDTHS.get(name)
     if width is None:
         return texts
-    stored = [text if len(text) <= width else f"{text[: width - 3]}..." for text in texts.ravel().tolist()]
+
+    def cut(text: str) -> str:
+        parts = text.split(THEN) if name == "status" and len(text) > width else [text]
+        longest = (width - len(THEN) * (len(parts) - 1)) // len(parts)
+        return THEN.join(part if len(part) <= longest else f"{part[: longest - 3]}..." for part in parts)
+
+    stored = list(map(cut, texts.ravel().tolist()))
     return np.array(stored, dtype=f"<U{width}").reshape(texts.shape)
 
 

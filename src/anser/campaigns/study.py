@@ -70,6 +70,10 @@ class OutputSelection(Table):
         return problems
 
 
+_TIMES = "timing", "timing.duration_s", "timing.step_s"
+"""Key paths on which the times of time series depend."""
+
+
 def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSelection | None:
     """Return the time series to be stored for a scenario's flights; None if the study's table [keep] selects none."""
     if keep is None or not keep.series:
@@ -85,8 +89,8 @@ def refuse_series(
 ) -> None:
     """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
-    The errors are: the period is not a multiple of the time step; a varied parameter belongs to the scenario's table
-    [timing]; or no flight records a selected variable.
+    The errors are: the period is not a multiple of the time step; the duration or the step of the
+    flights varies; or no flight records a selected variable.
     """
     if keep is None or not keep.series:
         return
@@ -96,9 +100,7 @@ def refuse_series(
         expected = multiple_message(keep.series_every_s, "timing.step_s of the scenario", step_s)
         problems.append(Problem("keep.series_every_s", format_number(keep.series_every_s), expected))
     expected = "none where durations or steps vary: the series of all flights have the same times"
-    problems += [
-        Problem("keep.series", f"with {describe_value(path)}", expected) for path in varied if path.startswith("timing")
-    ]
+    problems += [Problem("keep.series", f"with {describe_value(path)}", expected) for path in varied if path in _TIMES]
     recorded = set().union(*map(recorded_keys_of, scenarios))
     for k, name in enumerate(keep.series):
         if name not in recorded:

@@ -6,7 +6,7 @@ If a value has another unit or is a compass point, the message gives the number 
 import difflib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -158,12 +158,15 @@ def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) ->
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
-    """Return a location (Pydantic's sequence of keys and indices) up to the first list index that `raw` lacks."""
+    """Return a location (Pydantic's sequence of keys and indices) up to the first index or key that `raw` lacks."""
     for end in range(1, len(loc)):
         value = _value_at(loc[:end], raw)
         is_list = isinstance(value, list | tuple)
         step = loc[end]
         if isinstance(step, int) and (not is_list or step >= len(value)):
+            return loc[:end]
+        is_value = isinstance(loc[end - 1], int) and value is not _ABSENT and not isinstance(value, Mapping)
+        if isinstance(step, str) and is_value:  # the name of an alternative type, no key
             return loc[:end]
     return loc
 

@@ -123,6 +123,12 @@ def single_aircraft(
     return eqx.tree_at(lambda v: v.mission, vehicle, None, is_leaf=lambda x: x is None), flight.environment
 
 
+def aircraft_identity(aircraft: Mapping[str, Any]) -> dict[str, str | int | float]:
+    """Return the description, by `resolve_airframe`, of the aircraft of a table `[[aircraft]]`."""
+    kind, variant = aircraft.get("airframe") or aircraft.get("type") or "f16", aircraft.get("variant") or "textbook"
+    return resolve_airframe(str(kind), variant, aircraft.get("x_cg_over_c"))[1]
+
+
 _TABLES = "atmosphere", "earth", "event", "excitation", "gust", "limits", "navigation", "parts", "turbulence", "wind"
 _EVENTS = "aircraft-changes", "thrust-lost"
 _MISSION_KEYS = "goal", "bend", "arrive_s", "arrive_from_s", "arrive_to_s", "rendezvous"
@@ -177,10 +183,13 @@ class FlightRange(eqx.Module):
 
     def __check_init__(self) -> None:
         for key, (least, greatest) in (("speed_m_s", self.speed_m_s), ("altitude_m", self.altitude_m)):
-            if not least <= greatest:
+            if not -math.inf < least <= greatest < math.inf:
                 raise ValueError(
-                    f"flown.{key}: arrived {least:g} to {greatest:g}; expected a least and a greatest value"
+                    f"flown.{key}: arrived {least:g} to {greatest:g}; expected a least and a greatest value, finite"
                 )
+        for key in ("path_angle_deg", "bank_deg", "wind_m_s"):
+            if not 0.0 <= getattr(self, key) < math.inf:
+                raise ValueError(f"flown.{key}: arrived {getattr(self, key):g}; expected a finite number from 0")
 
 
 def default_range(vehicle: Vehicle) -> FlightRange:

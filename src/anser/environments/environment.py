@@ -6,7 +6,7 @@ All functions are pure and compute one environment; `jax.vmap` computes many at 
 import abc
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self
 
 import equinox as eqx
@@ -260,7 +260,8 @@ class AircraftEnvironment(AbstractEnvironment):
     commanded: tuple[Entry, ...]  #: Table of the entries of actions.
     decision_steps: int  #: Number of integration steps in a decision.
     name: str  #: Name of the task.
-    aircraft: str = "custom"  #: Name of the aircraft.
+    #: Name of the aircraft (`aircraft`), and `variant` and `x_cg_over_c` if any, for the attributes of flights.
+    identity: Mapping[str, str | int | float]
     transition_gradients_enabled: bool = False  #: Whether `step` passes gradients through observation and state.
 
     @property

@@ -232,7 +232,8 @@ def record_flight(
     columns = {key: np.asarray(values, np.float64)[:rows] for key, values in history.items()}
     controller = OPEN_LOOP if isinstance(level, SurfaceLevel) else type(level.controller(case.autopilot)).__name__
     attributes = {
-        "aircraft": agent or member.aircraft,
+        **member.identity,
+        **({} if agent is None else {"agent": agent}),
         "controls": f"{member.name}, actions of {type(level).__name__}",
         "controller": controller,
         "command": "",

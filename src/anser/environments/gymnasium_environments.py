@@ -183,6 +183,7 @@ class EpisodeSequence:
         self.start: list[Array] = []
         self.state: list[Array] = []
         self.actions: list[np.ndarray] = []
+        self.is_over = False
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> np.ndarray:
         """Start an episode, and return the first observation.
@@ -196,20 +197,23 @@ class EpisodeSequence:
         else:
             self.number += 1
         observation, self.start = self.compiled.reset(self.key, np.uint32(self.number))
-        self.state, self.actions = self.start, []
+        self.state, self.actions, self.is_over = self.start, [], False
         return np.array(observation)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, bool, bool, bool]:
         """Fly one decision without a reset; return observation, reward, `terminated`, `truncated` and success.
 
-        `action` must have the shape `shape`. Raises ValueError before the first reset; see also `check_actions`.
+        `action` must have the shape `shape`. Raises ValueError before the first reset and after the end of an
+        episode; see also `check_actions`.
         """
-        if not self.state:
-            raise ValueError("step: arrived before the first reset; expected reset() before step()")
+        if not self.state or self.is_over:
+            place = "after the end of the episode" if self.is_over else "before the first reset"
+            raise ValueError(f"step: arrived {place}; expected reset() before step()")
         checked = check_actions(action, shape)
         observation, self.state, reward, *ends = self.compiled.step(self.state, checked)
         self.actions.append(checked.copy())
         terminated, truncated, success = map(bool, ends)
+        self.is_over = terminated or truncated
         return np.array(observation), np.asarray(reward), terminated, truncated, success
 
 
@@ -255,7 +259,8 @@ class GymnasiumEnvironment(gymnasium.Env):
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Fly one decision; return observation, reward, `terminated`, `truncated` and `info` (see the class).
 
-        Raises ValueError before the first reset, and for an action of another shape or with infinity or NaN.
+        Raises ValueError before the first reset, after the end of an episode, and for an action of another shape or
+        with infinity or NaN.
         """
         results = self._episodes.step(action, (self.environment.num_actions,))
         observation, reward, terminated, truncated, success = results
@@ -328,8 +333,9 @@ class GymnasiumVectorEnvironment(VectorEnv):
 
         `options` has no effect. Raises ValueError if the length of the sequence is not the number of aircraft.
         """
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
+        first = int(seed) if isinstance(seed, int | np.integer) else None
+        super().reset(seed=first)
+        seeds = seed if first is None else [first + k for k in range(self.num_envs)]
         if seeds is not None and len(seeds) != self.num_envs:
             raise ValueError(f"seed: arrived {len(seeds)} seeds; expected {self.num_envs}, one for each environment")
         drawn = self.np_random.integers(2**32, size=(self.num_envs, 2), dtype=np.uint32)

@@ -6,7 +6,7 @@ The cases are those flights of a study file that have a plan; every case is ther
 import os
 from collections.abc import Sequence
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.campaigns.flights import applied_values, campaign_seeds, dispersed_scenario
-from anser.campaigns.study import load_study
+from anser.campaigns.study import Study, load_study
 from anser.config.errors import Problem, ScenarioError
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.environment.environment import Environment
-from anser.environments.cases import Case, FlightRange, Rng, Situation, autopilot_of
+from anser.environments.cases import Case, FlightRange, Rng, Situation, aircraft_identity, autopilot_of
 from anser.environments.spaces import Entry
 from anser.environments.tasks import AbstractTask, Drawn
 from anser.missions.flight_batches import FlightCase, plan_many
@@ -56,39 +56,67 @@ class PlannedMission(eqx.Module):
         return self.goal.position_n(time) + time_left * self.goal.velocity_n(time) + self.stand_off_n
 
 
-def planned_cases(
-    study: str | os.PathLike[str] | None, default: str, decision_s: float, dtype: Any
-) -> tuple[Stacked[Case], tuple[str, ...], tuple[float, float] | None]:
-    """Plan the flights of a study file, and return cases, names of the aircraft, and separation.
+class PlannedStudy(NamedTuple):
+    """A study whose flights are cases of a task with a plan."""
+
+    study: Study
+    scenario: Scenario
+    columns: Any  # values of the study's table, see `load_study`
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of the aircraft."""
+        return tuple(aircraft.name for aircraft in self.scenario.aircraft)
+
+    @property
+    def identity(self) -> dict[str, str | int | float]:
+        """Description of the aircraft, which are of one type, for the attributes of flights."""
+        first = self.scenario.aircraft[0]
+        is_own = first.airframe is not None
+        return {"aircraft": "custom"} if is_own else aircraft_identity(first.model_dump())
+
+
+def read_study(study: str | os.PathLike[str] | None, default: str) -> PlannedStudy:
+    """Read a study file; None: the package's study with the file name `default`.
+
+    Raises ScenarioError if a file is not valid, the arrival rule is "earliest", or the goals are measured.
+    """
+    shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
+    planned_study = PlannedStudy(*load_study(shipped if study is None else study))
+    scenario, problems = planned_study.scenario, []
+    if scenario.arrival.rule == "earliest":  # an episode needs a planned arrival time
+        problems.append(Problem("arrival.rule", '"earliest"', 'one common time, rule = "together" or "at"'))
+    if scenario.goal_sensor.preset != "exact":
+        expected = '"exact": an episode tells the true motion of the goal'
+        problems.append(Problem("goal_sensor.preset", f'"{scenario.goal_sensor.preset}"', expected))
+    if problems:
+        raise ScenarioError(planned_study.study.name, problems)
+    return planned_study
+
+
+def planned_cases(planned_study: PlannedStudy, decision_s: float, step_s: float, dtype: Any) -> Stacked[Case]:
+    """Plan the flights of a study, and return the cases with leading axes (flight, aircraft).
 
     Flights that have no plan, or no valid scenario, are left out. If the arrival rule is "together", each flight gets a
     random common arrival time.
 
     Parameters
     ----------
-    study
-        Path of the study file; None: the package's study `default`.
-    default
-        File name of a study of the package.
-    decision_s
-        Duration of a decision, s.
+    planned_study
+        The study, from `read_study`.
+    decision_s, step_s
+        Duration of a decision, and step of the integration, s.
     dtype
         Floating-point precision of the cases.
-
-    Returns
-    -------
-    Cases with leading axes (flight, aircraft); names of the aircraft; required horizontal and vertical separation, m,
-    or None if no separation is required.
 
     Raises
     ------
     ScenarioError
-        If a file is not valid, the arrival rule is "earliest", or no flight has a plan.
+        If no flight has a plan.
     ValueError
         If the aircraft of a flight arrive at different times, or a controller is not an `InversionAutopilot`.
     """
-    shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
-    loaded, scenario, columns = load_study(shipped if study is None else study)
+    loaded, scenario, columns = planned_study
     applied = applied_values(loaded, scenario, columns)
     seeds = campaign_seeds(loaded, applied)
     rng = np.random.default_rng(loaded.seed)
@@ -97,14 +125,13 @@ def planned_cases(
         factor = rng.uniform(*_TIME_FACTORS)
         try:
             dispersed = dispersed_scenario(scenario, int(seed), applied, number)
-        except ScenarioError:  # the varied values make no valid scenario
+            if dispersed.timing.step_s != step_s:
+                dispersed = dispersed.replace("timing.step_s", step_s)
+            if dispersed.arrival.rule == "together":
+                time_s = round(factor * _straight_time_s(dispersed), 1)
+                dispersed = dispersed.replace("arrival", {"rule": "at", "time_s": time_s})
+        except ScenarioError:  # no valid scenario, or an arrival time after the end of the flight
             continue
-        if dispersed.arrival.rule == "together":
-            time_s = round(factor * _straight_time_s(dispersed), 1)
-            dispersed = dispersed.replace("arrival", {"rule": "at", "time_s": time_s})
-        elif dispersed.arrival.rule == "earliest":  # an episode needs a planned arrival time
-            expected = 'one common time, rule = "together" or "at"'
-            raise ScenarioError(loaded.name, [Problem("arrival.rule", '"earliest"', expected)])
         scenarios.append(dispersed)
     planned = plan_many([FlightCase(dispersed) for dispersed in scenarios])
     if not planned.numbers:
@@ -121,10 +148,9 @@ def planned_cases(
         for flight, fleet, plan in zip(planned.flights, planned.fleets, planned.plans, strict=True)
         for case in _cases_of(flight, fleet.trims, jax.tree.map(padded, plan.paths), decision_s)
     ]
-    names = tuple(aircraft.name for aircraft in scenario.aircraft)
     stacked = stack_objects(cases, tables_only=False, batched=lambda case: (case.start, case.decisions))
-    batched = jax.tree.map(lambda leaf: leaf.reshape(-1, len(names), *leaf.shape[1:]), stacked.batched)
-    return cast_to_precision(Stacked(batched, stacked.shared), dtype), names, scenario.separation.required_m
+    batched = jax.tree.map(lambda leaf: leaf.reshape(-1, len(scenario.aircraft), *leaf.shape[1:]), stacked.batched)
+    return cast_to_precision(Stacked(batched, stacked.shared), dtype)
 
 
 _TIME_ROUNDING_S = 1e-6

@@ -14,10 +14,24 @@ from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.environment.environment import Environment, SteadyWind
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
-from anser.environments.cases import FlightRange, autopilot_of, default_range, single_aircraft, stack_cases
+from anser.environments.cases import (
+    FlightRange,
+    aircraft_identity,
+    autopilot_of,
+    default_range,
+    single_aircraft,
+    stack_cases,
+)
 from anser.environments.environment import MOTION, AircraftEnvironment, Parameters
 from anser.environments.fleet import FleetEnvironment, entries_of_others
-from anser.environments.planned_tasks import AbstractPlannedTask, Arrival, FleetArrival, PathTracking, planned_cases
+from anser.environments.planned_tasks import (
+    AbstractPlannedTask,
+    Arrival,
+    FleetArrival,
+    PathTracking,
+    planned_cases,
+    read_study,
+)
 from anser.environments.spaces import Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision
@@ -42,7 +56,7 @@ def make(
     cases: int | None = None,
     seed: int | None = None,
     precision: Precision = "float64",
-    step_s: float = 0.01,
+    step_s: float | None = None,
     **tables: Any,
 ) -> AircraftEnvironment | FleetEnvironment:
     """Make an environment of one aircraft, or of a fleet for the task "FleetArrival".
@@ -69,7 +83,8 @@ def make(
     precision
         Precision of the flight: "float64" or "float32".
     step_s
-        Step of the integration, s: 0.001 to 0.05 s, and a divisor of the level's `decision_s`.
+        Step of the integration, s: 0.001 to 0.05 s, and a divisor of the level's `decision_s`. None: 0.01 s, or the
+        step of the study.
     **tables
         Tables of a scenario: `atmosphere`, `earth`, `event` ("aircraft-changes", "thrust-lost"), `excitation`, `gust`,
         `limits`, `navigation`, `parts` (sensors and estimator), `turbulence`, `wind`.
@@ -87,30 +102,36 @@ def make(
     _require("precision", precision, PRECISIONS)
     if cases is not None and cases < 1:
         raise ValueError(f"cases: arrived {cases}; expected at least 1")
+    if seed is not None and seed < 0:
+        raise ValueError(f"seed: arrived {seed}; expected a whole number from 0")
     level, chosen_task = LEVELS[action], TASKS[task]() if isinstance(task, str) else task
     _require("action", action, chosen_task.levels, ": at other levels the autopilot itself solves the task")
     name = task if isinstance(task, str) else type(task).__name__
-    is_step = STEP_MIN_S <= step_s <= STEP_MAX_S
-    decision_steps = round(level.decision_s / step_s) if is_step else 0
-    if decision_steps < 1 or abs(decision_steps * step_s - level.decision_s) > 1e-9:
-        expected = f"a divisor of the decision, {level.decision_s:g} s, from {STEP_MIN_S:g} to {STEP_MAX_S:g} s"
-        raise ValueError(f"step_s: arrived {step_s:g}; expected {expected}")
     agents, separation_m, dtype, is_fleet = (), None, np.dtype(precision), isinstance(chosen_task, FleetArrival)
     if isinstance(chosen_task, AbstractPlannedTask):
+        planned_study = read_study(study, chosen_task.study)
+        step_s = planned_study.scenario.timing.step_s if step_s is None else step_s
+        decision_steps = _decision_steps(level.decision_s, step_s)
         given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}
         if excluded := ", ".join([*tables, *(key for key, value in given.items() if value is not None)]):
             raise ValueError(f"{name}: arrived {excluded}; expected these in a study and its scenario, study=PATH")
-        bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, dtype)
+        agents, separation_m = planned_study.agents, planned_study.scenario.separation.required_m
+        if is_fleet and len(agents) < 2:
+            raise ValueError("study: arrived one aircraft; expected several, or the task Arrival or PathTracking")
         if not is_fleet and len(agents) > 1:
             raise ValueError(f"study: arrived {len(agents)} aircraft; expected one, or the task FleetArrival")
-        aircraft_name = "aircraft of the study"
+        bank = planned_cases(planned_study, level.decision_s, step_s, dtype)
+        identity = planned_study.identity
         vehicle = bank.combine(jax.tree.map(lambda leaf: leaf[0, 0], bank.batched)).vehicle
         if not is_fleet:
             bank = Stacked(jax.tree.map(lambda leaf: leaf[:, 0], bank.batched), bank.shared)
     elif study is not None:
         raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
     else:
+        step_s = 0.01 if step_s is None else step_s
+        decision_steps = _decision_steps(level.decision_s, step_s)
         vehicle, environment = single_aircraft(aircraft, tables, step_s)
+        identity = aircraft_identity({"type": aircraft} if isinstance(aircraft, str) else aircraft)
         flown = default_range(vehicle) if flown is None else flown
         count, rng = 4096 if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
         # Starts are steady in still air; `stack_cases` adds the wind to the velocities.
@@ -118,8 +139,6 @@ def make(
         drawn = chosen_task.draw(vehicle, still, flown, count, rng)
         decisions = round(chosen_task.duration_s / level.decision_s)
         bank = stack_cases(vehicle, environment, flown, drawn, decisions, rng, dtype)
-        named = {"type": aircraft} if isinstance(aircraft, str) else aircraft
-        aircraft_name = str(named.get("airframe", named.get("type", "f16")))
     made = AircraftEnvironment(
         task=chosen_task,
         level=level,
@@ -128,11 +147,20 @@ def make(
         commanded=level.entries(autopilot_of(vehicle), vehicle.airframe),
         decision_steps=decision_steps,
         name=name,
-        aircraft=aircraft_name,
+        identity=identity,
     )
     if is_fleet:
         return FleetEnvironment(made, agents, separation_m, (*made.observed, *entries_of_others(len(agents))))
     return _with_start_observations(made)
+
+
+def _decision_steps(decision_s: float, step_s: float) -> int:
+    """Return the number of integration steps (s) in a decision (s). Raises ValueError if `step_s` is not valid."""
+    number = round(decision_s / step_s) if STEP_MIN_S <= step_s <= STEP_MAX_S else 0
+    if number < 1 or abs(number * step_s - decision_s) > 1e-9:
+        expected = f"a divisor of the decision, {decision_s:g} s, from {STEP_MIN_S:g} to {STEP_MAX_S:g} s"
+        raise ValueError(f"step_s: arrived {step_s:g}; expected {expected}")
+    return number
 
 
 def _require(name: str, arrived: str, expected: Iterable[str], remark: str = "") -> None:

@@ -68,10 +68,10 @@ def match_channel(
     """Fit a channel by least squares: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
 
     `integral` is the integral of the channel's rate, computed from other channels; the polynomial absorbs the drift
-    from sensor biases. Positive and negative delays are searched, up to `delay_max_s` and up to a quarter of the
-    record.
+    from sensor biases. Positive and negative delays are searched, up to `delay_max_s` (at least one sample) and up to a
+    quarter of the record.
     """
-    shift_max = min(round(delay_max_s / step_s), (measured.size - 1) // 4)
+    shift_max = min(max(1, round(delay_max_s / step_s)), (measured.size - 1) // 4)
     count = measured.size - 2 * shift_max
     windows = np.lib.stride_tricks.sliding_window_view(integral, count)[::-1]  # rows: delay -max .. max
     basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3))[0]
@@ -194,7 +194,7 @@ def _match_surface(
     surface: np.ndarray, acceleration: np.ndarray, basis: np.ndarray, step_s: float, delay_max_s: float
 ) -> ChannelMatch:
     """Fit acceleration(t) by surface(t + delay) plus a combination of the columns of `basis`."""
-    shift_max = min(round(delay_max_s / step_s), (surface.size - 1) // 4)
+    shift_max = min(max(1, round(delay_max_s / step_s)), (surface.size - 1) // 4)
     count = surface.size - 2 * shift_max
     inner = slice(shift_max, shift_max + count)
     windows = np.lib.stride_tricks.sliding_window_view(surface, count)  # rows: delay -max .. max

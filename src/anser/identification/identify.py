@@ -330,6 +330,7 @@ def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> 
     if aircraft is not None:
         return load_aircraft(aircraft)
     attributes = dict(record.attributes)
+    aircraft_name = attributes.get("aircraft_name", aircraft_name)
     if "scenario" in attributes:
         tables = json.loads(str(attributes["scenario"]))["aircraft"]
         table = next((entry for entry in tables if aircraft_name in (None, entry["name"])), None)

@@ -203,7 +203,9 @@ def flight_record(
     if isinstance(recording, FlightRecord):
         return recording
     table, attributes = _read(recording, aircraft_name)
-    if surfaces is None:
+    if isinstance(surfaces, str):
+        surfaces = (surfaces,)
+    elif surfaces is None:
         surfaces = str(attributes["surfaces"]).split() if "surfaces" in attributes else STANDARD_SURFACES
     variables = {variable.name: variable for variable in _variables(surfaces).values() if variable.dtype == "float64"}
     time_s, raw = _select(table, columns or {}, variables)
@@ -260,8 +262,15 @@ def _read(recording: Any, aircraft_name: str | None) -> tuple[dict[str, np.ndarr
             arrived = f"{len(names)} aircraft" if aircraft_name is None else repr(aircraft_name)
             raise ValueError(f"aircraft_name: arrived {arrived}; expected one of {', '.join(names)}")
         recording = recording.isel(aircraft=0 if aircraft_name is None else names.index(aircraft_name))
+    attributes = dict(recording.attrs)
+    if "aircraft" in recording.coords:
+        attributes["aircraft_name"] = name = str(recording["aircraft"].item())
+        if aircraft_name not in (None, name):
+            raise ValueError(
+                f"aircraft_name: arrived {aircraft_name!r}; expected {name}, the aircraft of the recording"
+            )
     columns = {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if v.dims == ("time",)}
-    return {"time_s": np.asarray(recording["time"].values), **columns}, dict(recording.attrs)
+    return {"time_s": np.asarray(recording["time"].values), **columns}, attributes
 
 
 def _read_file(path: Path) -> pd.DataFrame | xr.Dataset:
@@ -319,7 +328,14 @@ def _convert(name: str, entry: Any, table: Mapping[str, np.ndarray], variable: V
     column, unit = settings["column"], settings.get("unit")
     if column not in table:
         raise ValueError(f"map, {name}: arrived the column {column!r}; expected one of {', '.join(table)}")
-    values = table[column]
+    values, factor_given = table[column], settings.get("factor", 1.0)
+    if not isinstance(factor_given, int | float | np.number) or not np.isfinite(factor_given):
+        raise ValueError(f"map, {name}: arrived the factor {factor_given!r}; expected a finite number")
+    if values.dtype.kind in "Mm":
+        raise ValueError(
+            f"recording: arrived dates or durations in the column {column!r}; expected numbers, for times seconds from "
+            "any origin"
+        )
     if values.dtype.kind not in "fiub":
         raise ValueError(f"recording: arrived text in the column {column!r}; expected numbers in every row")
     quantity = "time" if variable is None else _QUANTITIES[variable.unit]
@@ -330,7 +346,7 @@ def _convert(name: str, entry: Any, table: Mapping[str, np.ndarray], variable: V
     else:
         known = ", ".join(u for u, (q, _) in _UNITS.items() if q == quantity)
         raise ValueError(f"map, {name}: arrived the unit {unit!r}; expected one of {known}")
-    return np.asarray(values, dtype=float) * factor * float(settings.get("factor", 1.0))
+    return np.asarray(values, dtype=float) * factor * float(factor_given)
 
 
 def _check_times(time_s: np.ndarray) -> None:

@@ -150,6 +150,8 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
     times = np.asarray(time_s, dtype=float)
     if times.shape != (count,) or not np.all(np.isfinite(times)):
         raise ValueError(f"time_s: arrived an array of shape {times.shape}; expected ({count},) finite times, s")
+    if count < 2:
+        raise ValueError(f"time_s: arrived {count} sample; expected at least 2")
     steps = np.diff(times)
     if not (np.all(steps > 0.0) and np.ptp(steps) <= 1e-3 * np.mean(steps)):
         raise ValueError(

@@ -17,6 +17,7 @@ from anser.missions.flight_batches import FlightCase, fly_many
 from anser.results.documents import version_attributes
 from anser.results.flight_rows import FLEET_QUANTITIES, FlightRow, tabulate_flights
 from anser.results.variable_labels import unit_attributes
+from anser.scenario.build_wind_field import check_wind_field
 from anser.scenario.files import as_scenario
 from anser.scenario.flight_checks import refuse_unused_keys
 from anser.scenario.schema import Scenario
@@ -55,6 +56,7 @@ def sweep_dataset(
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
     """Return an array of booleans, of numbers (float64) or of texts; among texts, other values as JSON texts."""
+    values = [value.item() if isinstance(value, np.generic) else value for value in values]
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -137,6 +139,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
         try:
             changes: list[Any] = list(itertools.chain(*combination.items()))
             variant = scenario.replace(*changes)
+            check_wind_field(variant)
         except ScenarioError as error:
             problems.append((combination, error.problems))
             continue

@@ -32,6 +32,10 @@ class AbstractSignal(eqx.Module):
         """Return the highest frequency of the signal's sines, Hz; 0 if the signal has no sines."""
         return 0.0
 
+    def shortest_pulse(self) -> float:
+        """Return the shortest time between two changes of a piecewise constant signal, s; infinite if there is none."""
+        return np.inf
+
 
 class PulseSignal(AbstractSignal):
     """Piecewise constant signal, 0 at first, with changes by `jumps` at the times `edges` (s)."""
@@ -49,6 +53,10 @@ class PulseSignal(AbstractSignal):
     def scaled(self, factor: float) -> "PulseSignal":
         """Return the signal multiplied by a factor."""
         return PulseSignal(self.edges, self.jumps * factor)
+
+    def shortest_pulse(self) -> float:
+        """Return the shortest time between two changes, s; infinite for a single change."""
+        return float(np.min(np.diff(self.edges), initial=np.inf))
 
 
 class SweepSignal(AbstractSignal):
@@ -128,6 +136,10 @@ class SignalSum(AbstractSignal):
         """Return the highest frequency of the terms' sines, Hz."""
         return max(term.highest_frequency() for term in self.terms)
 
+    def shortest_pulse(self) -> float:
+        """Return the shortest time between two changes of a term, s."""
+        return min(term.shortest_pulse() for term in self.terms)
+
 
 _EDGE_TOLERANCE_S = 1e-9
 _ROUNDINGS = 16
@@ -149,7 +161,13 @@ class InputSignal:
         return self.signal.at(np.asarray(time_s, dtype=float))
 
     def require_sampling(self, step_s: float, place: str) -> None:
-        """Raise ValueError if a sine is faster than half the sampling rate; `place` names the input in the message."""
+        """Raise ValueError if the samples, every `step_s` seconds, cannot show the signal; `place` names the input.
+
+        A sine must be at most as fast as half the sampling rate, a pulse at least as long as a step.
+        """
+        shortest_s = self.signal.shortest_pulse()
+        if shortest_s < step_s * (1.0 - 1e-9):
+            raise ValueError(f"{place}: arrived a pulse of {shortest_s:g} s; expected at least the step, {step_s:g} s")
         highest_hz = self.signal.highest_frequency()
         if highest_hz > 0.5 / step_s * (1.0 + 1e-9):
             raise ValueError(

@@ -20,6 +20,9 @@ _ENDED_BEFORE = "not arrived: the flight ended before the planned arrival"
 _STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
 _NO_RECORD = "not arrived: no finite position in the record"
 
+THEN = "; then "
+"""Text between the first and the last status of an aircraft."""
+
 
 @dataclass(frozen=True)
 class Arrival:
@@ -61,7 +64,7 @@ def arrival_outcome(
     # An aircraft may leave the fleet after its arrival.
     if failures and not (is_arrival and set(failures) == {LEFT_FLEET}):
         # The first failure causes the later ones; the last is the final state.
-        status = "; then ".join(STATUS_MESSAGES[code] for code in dict.fromkeys((failures[0], failures[-1])))
+        status = THEN.join(STATUS_MESSAGES[code] for code in dict.fromkeys((failures[0], failures[-1])))
     elif is_arrival:
         status = ARRIVED
     elif not math.isfinite(time_s):

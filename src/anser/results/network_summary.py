@@ -117,7 +117,8 @@ def _outdated_paths(
     """List the aircraft with a last path that ends farther than `network.tube_m` from the rendezvous at arrival.
 
     An entry has `aircraft` (name), `from_s` (time since which the path was not renewed, s) and `distance_m` (between
-    end of the path and rendezvous). Planned arrivals after the end of the record are left out.
+    end of the path and rendezvous). Aircraft that left their plan before, and planned arrivals after the end of the
+    record, are left out.
     """
     outdated = []
     for k, name in enumerate(names):
@@ -125,6 +126,8 @@ def _outdated_paths(
         if not arrival_s <= time_s[-1]:
             continue
         arrival = int(np.searchsorted(time_s, arrival_s))
+        if is_off_plan(history["status"][: arrival + 1, k]).any():
+            continue
         ends = np.stack([history[f"{point}_{axis}"][arrival, k] for point, axis in _PATH_END])
         distance_m = float(np.linalg.norm(ends[:3] - ends[3:]))
         is_renewed = np.isin(history["renewal"][: arrival + 1, k], (CORRECTED, REPLANNED))

@@ -407,6 +407,9 @@ def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
         if excitation.start_s >= timing.duration_s:
             expected = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
             problems.append(Problem(f"{path}.start_s", format_number(excitation.start_s), expected))
+        if excitation.width_s is not None and excitation.width_s < timing.step_s:
+            expected = f"at least timing.step_s, {format_number(timing.step_s)} s"
+            problems.append(Problem(f"{path}.width_s", format_number(excitation.width_s), expected))
         highest_hz = 0.0 if excitation.frequencies_hz is None else excitation.frequencies_hz[1]
         if highest_hz > 0.5 / timing.step_s:
             expected = f"at most {format_number(0.5 / timing.step_s)} Hz, half the rate of the samples"

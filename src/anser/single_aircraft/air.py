@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
+import numpy as np
 from pydantic import ValidationError
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft_files.library import span_of
-from anser.config.errors import ScenarioError
+from anser.config.errors import Problem, ScenarioError, format_number
 from anser.config.tables import Table, table, tables, whole_number
 from anser.config.validation_messages import validation_problems
 from anser.environment.environment import Environment, standard_environment
@@ -37,6 +38,25 @@ class Air(Table):
     def is_random(self) -> bool:
         """Whether the air has turbulence, which depends on the seed."""
         return self.turbulence.intensity != "none"
+
+    def consistency_problems(self) -> list[Problem]:
+        """Return a problem for each gust of another aircraft, which would have no effect."""
+        return [
+            Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f'nothing, or "{self.name}"')
+            for k, gust in enumerate(self.gust)
+            if gust.aircraft not in (None, self.name)
+        ]
+
+    def refuse_late_gusts(self, duration_s: float) -> None:
+        """Raise ScenarioError if a gust begins after the end of a flight of `duration_s`."""
+        expected = f"a time before the end of the flight, duration_s = {format_number(duration_s)} s"
+        late = [
+            Problem(f"gust[{k}].time_s", format_number(gust.time_s), expected)
+            for k, gust in enumerate(self.gust)
+            if gust.time_s >= duration_s
+        ]
+        if late:
+            raise ScenarioError("air and Earth", late)
 
     def describe(self) -> str:
         """Return a text on Earth, atmosphere (if not standard), wind, turbulence with its seed, and number of gusts."""
@@ -79,6 +99,7 @@ def read_air(
     None: flat Earth with standard gravity, no wind, no turbulence, standard atmosphere. The path of a sounding is
     relative to the working folder. Raises ScenarioError if a table is not valid.
     """
+    seed = seed.item() if isinstance(seed, np.integer) else seed
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}
     values: dict[str, Any] = {"earth": earth, "atmosphere": atmosphere, "wind": wind, "turbulence": turbulence}

@@ -44,8 +44,11 @@ def sample_inputs(
     subject = f"{subject}, {inputs}" if isinstance(inputs, str | os.PathLike) else subject
     columns: Any = inputs if is_by_name else _read_table(inputs, subject)
     sampled = np.tile(np.array(list(reference.values()), dtype=float), (time_s.size, 1))
+    given: dict[str, str] = {}
     for key, value in columns.items():
         name = key if key in reference else key.removesuffix("_deg")
+        if given.setdefault(name, key) != key:
+            raise ValueError(f"{subject}: arrived {given[name]!r} and {key!r}; expected each input once")
         if name not in reference:
             raise ValueError(f"{subject}: arrived {key!r}; expected inputs among {', '.join(reference)}")
         column = sampled[:, list(reference).index(name)]

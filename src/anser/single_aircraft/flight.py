@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.engines import InstantEngine
-from anser.analysis.trim_points import Inversion
+from anser.analysis.trim_points import Inversion, require_seconds
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.config.errors import quoted_list
 from anser.control.inversion_autopilot import InversionAutopilot
@@ -179,7 +179,8 @@ def simulate(
     record_period_s
         Period of the rows of the dataset, a multiple of the step; None: every sample.
     increments
-        True: numbers, arrays and tables are increments to the controls of the start. False: absolute values.
+        True: numbers, arrays and tables are increments to the controls, or to the motion, of the start. False: absolute
+        values.
     controller
         Controller of the closed loop, in place of `controls`: an `anser.parts.AbstractController`, or the name of an
         autopilot with published (F-16) or derived gains and limits.
@@ -226,13 +227,18 @@ def simulate(
     points = [resolve_start(model.airframe, environment, start)]
     airframe, (point,) = set_lags(model.airframe, points, step_s, actuator_lag=actuator_lag, engine_lag=engine_lag)
     time_s = sample_times(duration_s, step_s)
+    air.refuse_late_gusts(duration_s)
+    if record_period_s is not None:
+        require_seconds("record_period_s", record_period_s)
     stride = 1 if record_period_s is None else round(record_period_s / step_s)
     if record_period_s is not None and (stride < 1 or abs(stride * step_s / record_period_s - 1.0) > 1e-9):
         raise ValueError(
             f"record_period_s: arrived {record_period_s:g} s; expected a multiple of the step, {step_s:g} s"
         )
     rows = (time_s.size - 1) // stride + 1
-    count = bucket_size(rows, _ROWS) * stride  # few lengths are compiled; what is flown after the end is cut off
+    count = (
+        bucket_size(rows, -(-_ROWS // stride)) * stride
+    )  # few lengths are compiled; what is flown after the end is cut off
 
     def sample(inputs: Any, reference: Mapping[str, float], subject: str, **options: bool) -> np.ndarray:
         table = sample_inputs(inputs, reference, time_s, subject=subject, **options)
@@ -249,12 +255,20 @@ def simulate(
         )
     if command is not None and controller is None:
         raise ValueError("command: arrived without a controller; expected a controller that follows it")
+    is_function = callable(controls) and not isinstance(controls, InputSignal | Mapping)
+    if increments and (is_function or isinstance(command, AbstractGuidance)):
+        raise ValueError(
+            "increments: arrived True beside a function or a guidance; expected False: numbers, arrays and tables can "
+            "be increments"
+        )
     if isinstance(command, AbstractGuidance):
         guidance = command
     elif controller is None:
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
     else:
-        table = sample({} if command is None else command, air_path(environment, point), "command")
+        table = sample(
+            {} if command is None else command, air_path(environment, point), "command", increments=increments
+        )
         guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
     changes = read_changes(airframe, change, duration_s)
@@ -291,7 +305,7 @@ def simulate(
         "seed": seed,
         "air": air.describe(),
         "air_tables": air.model_dump_json(),
-        **({} if changes is None else {"change": json.dumps(change, default=str)}),
+        **({} if changes is None else {"change": json.dumps(change, default=_builtin)}),
         **({} if test_inputs is None else {"excitation": describe_inputs(excitation)}),
         **version_attributes(),
     }
@@ -300,6 +314,11 @@ def simulate(
     names = airframe.actuators.names
     dataset = flight_dataset(time_s[::stride], columns, names, attributes, layers, is_outside)
     return AircraftFlight(dataset.assign(increment_variables(columns, dataset.sizes["time"], names)))
+
+
+def _builtin(value: Any) -> Any:
+    """Return NumPy's number as Python's, another object as its text."""
+    return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def _described(inputs: Any) -> str:

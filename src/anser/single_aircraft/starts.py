@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.analysis.trim_points import ConditionError, TrimResult, airframe_hash, flight_point
 from anser.compiling.options import compiled_quickly
@@ -18,6 +19,7 @@ from anser.parts.paths import polar
 from anser.shapes import Vector
 from anser.simulation.open_loop import dataset_variables, start_point
 from anser.spatial.rotations import quaternion_from_euler, rotate, rotate_back, rotation_from_quaternion
+from anser.spatial.wind_axes import air_direction_b
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD, RAD_DEG
 
@@ -61,7 +63,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
                 "start: arrived a trim in another atmosphere than the flight's; expected one with the same, such as "
                 "aircraft.trim(..., atmosphere=...)"
             )
-        start = start.point
+        start = _without_wind(start)
     if isinstance(start, TrimPoint):
         return _in_wind(environment, start)
     if not isinstance(start, Mapping):
@@ -87,6 +89,14 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if not 0.0 <= values[-1] <= 1.0:
         raise ValueError(f"start: arrived throttle {values[-1]:g}; expected 0 to 1 (not percent)")
     return _named_start(airframe, environment, as_array(values))
+
+
+def _without_wind(trim: TrimResult) -> TrimPoint:
+    """Return the trim point with its velocity over the ground in still air."""
+    if "speed_m_s" not in trim.condition:
+        return trim.point
+    velocity_b = trim.condition["speed_m_s"] * air_direction_b(trim.point.alpha, trim.point.beta)
+    return eqx.tree_at(lambda point: point.state.velocity_b, trim.point, velocity_b)
 
 
 def require_trim_of(airframe: AbstractAirframe, trim: TrimResult, argument: str) -> None:
@@ -137,10 +147,11 @@ def _named_start(airframe: AbstractAirframe, environment: Environment, values: V
     rates_b = values[9:12] * DEG_RAD
     surfaces, throttle = values[12:-1] * DEG_RAD, values[-1]
     quaternion = quaternion_from_euler(*euler)
-    velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+    velocity_air_b = V * air_direction_b(alpha, beta)
     position_n = jnp.stack([north, east, -altitude])
     wind_b = rotate(rotation_from_quaternion(quaternion), environment.wind.at(position_n, 0.0))
-    actuators = airframe.actuators.steady_state(surfaces)
+    flow = air_data(velocity_air_b, altitude, environment.atmosphere.at(altitude))
+    actuators = airframe.actuators.steady_state_in_flow(surfaces, flow)
     engine = airframe.engine.steady_state(airframe.engine.steady_power(throttle))
     state = AircraftState(position_n, velocity_air_b + wind_b, quaternion, rates_b, actuators, engine)
     return start_point(airframe, environment, state, Controls(surfaces, throttle))
