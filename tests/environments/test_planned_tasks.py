@@ -237,9 +237,10 @@ def test_flights_that_would_arrive_after_their_end_are_left_out(tmp_path):
     path = study_file(tmp_path, "arrival", 3)
     scenario = tmp_path / "arrival.toml"
     text = scenario.read_text(encoding="utf-8")
-    scenario.write_text(text.replace("duration_s = 180.0", "duration_s = 20.0"), encoding="utf-8")
-    with pytest.raises(ScenarioError, match="3 flights of which none has a plan"):
-        make("Arrival", "velocity", study=path)
+    scenario.write_text(text.replace("duration_s = 180.0", "duration_s = 62.0"), encoding="utf-8")
+    params = make("Arrival", "velocity", study=path).default_params
+    assert 1 <= len(params.decisions) < 3
+    assert np.max(params.decisions) * 0.1 <= 62.0
 
 
 def test_a_study_without_one_common_arrival_time_is_refused(tmp_path):
