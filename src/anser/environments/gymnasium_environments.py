@@ -333,9 +333,10 @@ class GymnasiumVectorEnvironment(VectorEnv):
 
         `options` has no effect. Raises ValueError if the length of the sequence is not the number of aircraft.
         """
-        first = int(seed) if isinstance(seed, int | np.integer) else None
-        super().reset(seed=first)
-        seeds = seed if first is None else [first + k for k in range(self.num_envs)]
+        if isinstance(seed, np.integer):
+            seed = int(seed)
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
         if seeds is not None and len(seeds) != self.num_envs:
             raise ValueError(f"seed: arrived {len(seeds)} seeds; expected {self.num_envs}, one for each environment")
         drawn = self.np_random.integers(2**32, size=(self.num_envs, 2), dtype=np.uint32)
