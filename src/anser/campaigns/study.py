@@ -89,8 +89,8 @@ def refuse_series(
 ) -> None:
     """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
-    The errors are: the period is not a multiple of the time step; the duration or the step of the
-    flights varies; or no flight records a selected variable.
+    The errors are: the period is not a multiple of the time step; the duration or the step of the flights varies; or no
+    flight records a selected variable.
     """
     if keep is None or not keep.series:
         return

@@ -112,11 +112,13 @@ def planned_cases(planned_study: PlannedStudy, decision_s: float, step_s: float,
     Raises
     ------
     ScenarioError
-        If no flight has a plan.
+        If the study cannot be flown with this step, or no flight has a plan.
     ValueError
         If the aircraft of a flight arrive at different times, or a controller is not an `InversionAutopilot`.
     """
     loaded, scenario, columns = planned_study
+    if scenario.timing.step_s != step_s:
+        scenario = scenario.replace("timing.step_s", step_s)
     applied = applied_values(loaded, scenario, columns)
     seeds = campaign_seeds(loaded, applied)
     rng = np.random.default_rng(loaded.seed)
@@ -125,8 +127,6 @@ def planned_cases(planned_study: PlannedStudy, decision_s: float, step_s: float,
         factor = rng.uniform(*_TIME_FACTORS)
         try:
             dispersed = dispersed_scenario(scenario, int(seed), applied, number)
-            if dispersed.timing.step_s != step_s:
-                dispersed = dispersed.replace("timing.step_s", step_s)
             if dispersed.arrival.rule == "together":
                 time_s = round(factor * _straight_time_s(dispersed), 1)
                 dispersed = dispersed.replace("arrival", {"rule": "at", "time_s": time_s})

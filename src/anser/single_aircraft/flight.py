@@ -236,9 +236,8 @@ def simulate(
             f"record_period_s: arrived {record_period_s:g} s; expected a multiple of the step, {step_s:g} s"
         )
     rows = (time_s.size - 1) // stride + 1
-    count = (
-        bucket_size(rows, -(-_ROWS // stride)) * stride
-    )  # few lengths are compiled; what is flown after the end is cut off
+    # few lengths are compiled; what is flown after the end is cut off
+    count = bucket_size(rows, -(-_ROWS // stride)) * stride
 
     def sample(inputs: Any, reference: Mapping[str, float], subject: str, **options: bool) -> np.ndarray:
         table = sample_inputs(inputs, reference, time_s, subject=subject, **options)
@@ -255,8 +254,7 @@ def simulate(
         )
     if command is not None and controller is None:
         raise ValueError("command: arrived without a controller; expected a controller that follows it")
-    is_function = callable(controls) and not isinstance(controls, InputSignal | Mapping)
-    if increments and (is_function or isinstance(command, AbstractGuidance)):
+    if increments and (_is_law(controls) or isinstance(command, AbstractGuidance)):
         raise ValueError(
             "increments: arrived True beside a function or a guidance; expected False: numbers, arrays and tables can "
             "be increments"
@@ -266,9 +264,8 @@ def simulate(
     elif controller is None:
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
     else:
-        table = sample(
-            {} if command is None else command, air_path(environment, point), "command", increments=increments
-        )
+        commanded, reference = {} if command is None else command, air_path(environment, point)
+        table = sample(commanded, reference, "command", increments=increments)
         guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
     changes = read_changes(airframe, change, duration_s)
@@ -369,12 +366,17 @@ def set_lags(
     return airframe, points
 
 
+def _is_law(controls: Any) -> bool:
+    """Return whether controls are a function of time and state."""
+    return callable(controls) and not isinstance(controls, InputSignal | Mapping)
+
+
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
     """Return the controller that applies `controls` of `simulate`; `sample` calls `sample_inputs`."""
     law: Any = controls
-    if callable(controls) and not isinstance(controls, InputSignal | Mapping):
+    if _is_law(controls):
         # A new object for each flight, traced anew: the values that the function refers to may have changed.
         return FeedbackControls(point.controls, functools.partial(law))
     reference, inputs = reference_inputs(airframe, point.controls), {} if controls is None else controls
