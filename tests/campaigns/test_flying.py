@@ -183,7 +183,7 @@ def test_stored_statuses_are_distinct():
         assert max(map(len, stored.tolist())) <= _WIDTHS["status"]
 
 
-def test_a_flight_outside_the_wind_field_is_a_failed_start(tmp_path):
+def test_a_dispersed_start_outside_the_wind_field_is_refused(tmp_path):
     grid = {"north": np.array([-1e4, 1e4]), "east": np.array([-1e4, 1e4]), "altitude": np.array([0.0, 5e3])}
     path = metric_file(tmp_path / "f.nc", lambda t, n, e, h: (0.0 * n, 0.0 * n, 0.0 * n), **grid)
     windy = THREE.replace("wind", {"field": str(path)})

@@ -348,7 +348,6 @@ def test_nothing_is_required_of_a_mission(aircraft, tables):
     assert vehicle.mission is None
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -361,6 +360,7 @@ def test_ranges_are_finite_and_not_negative(given, message):
         FlightRange(**{"speed_m_s": (100.0, 200.0), "altitude_m": (1000.0, 2000.0), **given})
 
 
+@pytest.mark.long
 def test_derived_gains_are_those_of_the_step():
     coarse, fine = (single_aircraft("aerosonde", {}, step_s)[0].controller.gains.rates for step_s in (0.02, 0.01))
     assert np.all(np.asarray(coarse.proportional) < np.asarray(fine.proportional))

@@ -31,6 +31,15 @@ def study_file(folder, name, flights):
     return path
 
 
+def edited_study(folder, old, new):
+    """Copy the study of arrivals with three flights; in its scenario, `new` replaces `old`."""
+    path, scenario = study_file(folder, "arrival", 3), Path(folder) / "arrival.toml"
+    text = scenario.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    scenario.write_text(text.replace(old, new), encoding="utf-8")
+    return path
+
+
 @functools.cache
 def arrival(task, action="velocity"):
     return make(task, action, study=study_file(tempfile.mkdtemp(), "arrival", 3))
@@ -213,20 +222,14 @@ def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
 
 
 def test_a_study_with_a_measured_goal_is_refused(tmp_path):
-    path = study_file(tmp_path, "arrival", 3)
-    scenario = tmp_path / "arrival.toml"
-    scenario.write_text(scenario.read_text(encoding="utf-8") + '\n[goal_sensor]\npreset = "camera"\n', encoding="utf-8")
+    path = edited_study(tmp_path, "[timing]", '[goal_sensor]\npreset = "camera"\n\n[timing]')
     with pytest.raises(ScenarioError, match=r'goal_sensor\.preset: arrived "camera"; expected "exact"'):
         make("Arrival", "velocity", study=path)
 
 
 @pytest.mark.long
 def test_a_study_flies_with_its_own_step_or_the_given_one(tmp_path):
-    path = study_file(tmp_path, "arrival", 3)
-    scenario = tmp_path / "arrival.toml"
-    text = scenario.read_text(encoding="utf-8")
-    assert "step_s" not in text
-    scenario.write_text(text.replace("[timing]", "[timing]\nstep_s = 0.02"), encoding="utf-8")
+    path = edited_study(tmp_path, "[timing]", "[timing]\nstep_s = 0.02")
     coarse, fine = make("Arrival", "velocity", study=path), make("Arrival", "velocity", study=path, step_s=0.01)
     assert (coarse.decision_steps, fine.decision_steps) == (5, 10)
     assert coarse.identity == fine.identity == {"aircraft": "f16", "variant": "textbook"}
@@ -234,29 +237,20 @@ def test_a_study_flies_with_its_own_step_or_the_given_one(tmp_path):
 
 @pytest.mark.long
 def test_flights_that_would_arrive_after_their_end_are_left_out(tmp_path):
-    path = study_file(tmp_path, "arrival", 3)
-    scenario = tmp_path / "arrival.toml"
-    text = scenario.read_text(encoding="utf-8")
-    scenario.write_text(text.replace("duration_s = 180.0", "duration_s = 62.0"), encoding="utf-8")
+    path = edited_study(tmp_path, "duration_s = 180.0", "duration_s = 62.0")
     params = make("Arrival", "velocity", study=path).default_params
     assert 1 <= len(params.decisions) < 3
     assert np.max(params.decisions) * 0.1 <= 62.0
 
 
 def test_a_study_without_one_common_arrival_time_is_refused(tmp_path):
-    path = study_file(tmp_path, "arrival", 3)
-    scenario = tmp_path / "arrival.toml"
-    text = scenario.read_text(encoding="utf-8")
-    scenario.write_text(text + '\n[arrival]\nrule = "earliest"\n', encoding="utf-8")
+    path = edited_study(tmp_path, "[timing]", '[arrival]\nrule = "earliest"\n\n[timing]')
     with pytest.raises(ScenarioError, match=r'arrival\.rule: arrived "earliest"; expected one common time'):
         make("Arrival", "velocity", study=path)
 
 
 @pytest.mark.long
 def test_a_study_without_a_plan_is_refused(tmp_path):
-    path = study_file(tmp_path, "arrival", 3)
-    scenario = tmp_path / "arrival.toml"
-    text = scenario.read_text(encoding="utf-8")
-    scenario.write_text(text.replace("stand_off_up_m = 1000.0", "stand_off_up_m = 9000.0"), encoding="utf-8")
+    path = edited_study(tmp_path, "stand_off_up_m = 1000.0", "stand_off_up_m = 9000.0")
     with pytest.raises(ScenarioError, match="3 flights of which none has a plan"):
         make("Arrival", "velocity", study=path)

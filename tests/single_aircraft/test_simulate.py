@@ -19,6 +19,7 @@ from anser.environment import SteadyWind, standard_environment
 from anser.results.netcdf import read_netcdf
 from anser.simulation.open_loop import PrescribedCommand
 from anser.simulation.response import ConstantCommand
+from anser.single_aircraft import flight as flight_module
 from anser.single_aircraft.flight import autopilot
 from anser.single_aircraft.starts import named_state, resolve_start
 from support import stevens_lewis as textbook
@@ -373,8 +374,11 @@ def test_a_start_by_name_has_the_scheduled_flap_of_the_trim():
     np.testing.assert_allclose(point.state.surfaces, trim.point.state.surfaces, atol=1e-9)
 
 
-def test_rows_far_apart_cost_no_further_steps():
+def test_rows_far_apart_cost_few_further_steps(monkeypatch):
+    counts, fly = [], flight_module._fly
+    monkeypatch.setattr(flight_module, "_fly", lambda *arguments: counts.append(arguments[-1]) or fly(*arguments))
     flown = anser.simulate(f16(), level(), duration_s=SHORT_S, record_period_s=2.0).dataset
+    assert counts[0] <= 2 * SHORT_S / 0.01
     whole = anser.simulate(f16(), level(), duration_s=SHORT_S).dataset
     np.testing.assert_array_equal(flown.altitude_m, whole.altitude_m[::200])
 

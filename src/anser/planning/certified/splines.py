@@ -428,10 +428,10 @@ def _sum_into_groups(cell_forms: Float[Array, "pairs 3 3 cells"]) -> BlockTridia
     )
     upper = bands.reshape(GROUP, 3, 3, -1, GROUP)  # (d, axis, axis, group, coefficient in the group)
     lower = jnp.swapaxes(upper, 1, 2)
-    none = jnp.zeros_like(upper[0, ..., 0])
+    zeros = jnp.zeros_like(upper[0, ..., 0])
     columns = range(GROUP)
     diagonal = [[upper[j - i, ..., i] if i <= j else lower[i - j, ..., j] for j in columns] for i in columns]
-    subdiagonal = [[lower[GROUP + i - j, ..., j] if i < j else none for j in columns] for i in columns]
+    subdiagonal = [[lower[GROUP + i - j, ..., j] if i < j else zeros for j in columns] for i in columns]
 
     def flatten(blocks: list[list[Array]]) -> Array:
         stacked = jnp.stack([jnp.stack(row) for row in blocks])
@@ -494,10 +494,10 @@ def normal_equations(
     times = (cell * (jnp.arange(cells)[None, :] + points[:, None])).ravel()
     violations_at = functools.partial(_violations, problem, start.allowed)
     violations_of = jax.vmap(violations_at, in_axes=(0, -1), out_axes=-1)
-    changes = jnp.tile(jnp.eye(9).reshape(9, 3, 3, 1), times.shape[0])
+    unit_changes = jnp.tile(jnp.eye(9).reshape(9, 3, 3, 1), times.shape[0])
     violations, by_state = jax.vmap(
         lambda change: jax.jvp(lambda at: violations_of(times, at), (states,), (change,)), out_axes=(None, 0)
-    )(changes)
+    )(unit_changes)
     rows = range(violations.shape[0])
     gradients = functools.reduce(jnp.add, [violations[None, r] * by_state[:, r] for r in rows])
     squares = functools.reduce(jnp.add, [by_state[:, None, r] * by_state[None, :, r] for r in rows])
