@@ -184,6 +184,8 @@ def test_a_stored_campaign_is_read_even_if_the_rules_of_today_refuse_its_study_a
     stored = load_campaign(tmp_path / "out")
     assert stored.estimates().flights == 2
     assert stored.report(worst=0)
+    with pytest.raises(ValueError, match="worst: arrived -1; expected"):
+        stored.report(worst=-1)
     assert stored.store.study.vary[0].weights == (3.0, 1.0)
     with pytest.raises(ScenarioError, match=r"limits.alpha_min_deg: arrived -5; expected at least -4 deg"):
         stored.flight(0)

@@ -188,6 +188,8 @@ def test_a_table_gives_the_values(tmp_path):
     values = applied_values(study, scenario, table_columns)
     assert values["wind.speed_m_s"].tolist() == [0.5, 3.0]
     assert values["fleet.planner"].tolist() == ["published", "certified"]
+    (tmp_path / "values.csv").write_text("aircraft[0].aerodynamics_known\nTRUE\nFALSE\n")  # as spreadsheets write them
+    assert load_study(tmp_path / "study.toml")[2]["aircraft[0].aerodynamics_known"].tolist() == [True, False]
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
     with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
         load_study(tmp_path / "study.toml")

@@ -141,6 +141,16 @@ def test_a_flight_that_cannot_start_gives_a_row_with_the_reason():
     assert bad.aircraft == []
 
 
+def test_a_flight_that_cannot_be_built_gives_a_row_with_the_reason():
+    numbers = []
+    cases = [FlightCase(ONE.replace("parts.controller", name)) for name in ("nowhere:Law", "elsewhere:Law")]
+    rows = fly_many(cases, on_rows=lambda finished, _: numbers.extend(finished))
+    assert numbers == [0, 1]
+    for row, name in zip(rows, ("nowhere:Law", "elsewhere:Law"), strict=True):
+        assert row.reason.startswith(f'parts.controller: arrived "{name}"')
+        assert not row.met
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["uncertain-world", "storm-sampling", "lost-aircraft"])
 def test_rows_of_certified_flights_are_the_summaries_of_single_flights(name):

@@ -129,6 +129,16 @@ def test_below_a_sounding_the_standard_lapse_continues_not_its_inversion():
         np.testing.assert_allclose(built(altitude).density, air_in_layers(layers, altitude).density, rtol=1e-12)
 
 
+def test_humidity_that_a_sounding_measures_above_saturation_is_saturation(tmp_path):
+    path = tmp_path / "fog.csv"
+    rows = "100,1005,4,{0}\n600,945,2,{0}\n3000,700,-8,40\n"
+    for measured, humidity in ((99.0, 99.0), (102.0, 100.0), (110.0, 110.0)):
+        path.write_text("altitude_m,pressure_hpa,temperature_c,relative_humidity_percent\n" + rows.format(measured))
+        assert read_sounding(path).levels[0]["relative_humidity_percent"] == humidity
+    with pytest.raises(ScenarioError, match=r"arrived 110\.0; expected"):
+        anser.load(SINGLE).replace("wind", {}, "atmosphere", {"sounding": str(path)})
+
+
 def test_a_sounding_from_csv_gives_air_and_wind(tmp_path):
     (tmp_path / "sounding.csv").write_text(CSV)
     text = Path(SINGLE).read_text().replace("[timing]", '[atmosphere]\nsounding = "sounding.csv"\n\n[timing]')

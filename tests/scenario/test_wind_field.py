@@ -180,8 +180,9 @@ def test_members_start_times_and_bad_keys(tmp_path: Path) -> None:
     ):
         with pytest.raises(ScenarioError, match=message):
             build_wind_field(Wind(field=path, **keys), earth)
+    assert read_air(wind={"field": Path(path)}).wind == read_air(wind={"field": path}).wind
     for values, message in (
-        ({"field": str(tmp_path / "none.nc")}, "none.nc"),
+        ({"field": tmp_path / "none.nc"}, "none.nc"),
         ({"field": path, "speed_m_s": 3.0}, "3 beside field"),
         ({"member": 1}, "member without field"),
     ):
@@ -223,6 +224,12 @@ def test_members_without_times_are_members(tmp_path: Path) -> None:
 def test_the_standard_name_of_levels_counts_before_their_name(tmp_path: Path, name: str, standard_name: str) -> None:
     renamed = calm_file(tmp_path, lambda data: change(name, standard_name=standard_name)(data.rename(altitude=name)))
     assert float(build_wind_field(Wind(field=str(renamed)), None).altitude_max) == 500.0
+
+
+def test_levels_named_geopotential_height_need_no_standard_name(tmp_path: Path) -> None:
+    name = "geopotential_height"
+    path = calm_file(tmp_path, lambda data: change(name, standard_name="")(data.rename(altitude=name)))
+    assert read_wind_field(str(path), file_digest(path)).is_geopotential
 
 
 @pytest.mark.parametrize(("name", "attributes"), [("height", {}), ("z", {"standard_name": "height"})])

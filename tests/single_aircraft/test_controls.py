@@ -33,6 +33,15 @@ def test_arrays_and_pairs_of_times_and_values():
     assert sampled({"aileron": ([0.0, 1.0], [0.0, 4.0])})[:, 1].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
+def test_courses_are_interpolated_along_the_shorter_turn():
+    reference = {"course_deg": 170.0, "path_angle_deg": 0.0}
+    pair = ([0.0, 1.0], [170.0, -170.0])
+    values = sample_inputs({"course_deg": pair, "path_angle_deg": pair}, reference, TIME)
+    np.testing.assert_allclose(values, [[170, 170], [175, 85], [180, 0], [185, -85], [190, -170]])
+    increments = sample_inputs({"course_deg": ([0.0, 1.0], [0.0, 200.0])}, reference, TIME, increments=True)
+    np.testing.assert_allclose(increments[:, 0], [170.0, 220.0, 270.0, 320.0, 370.0])
+
+
 def test_tables_of_all_kinds_give_the_same_controls(tmp_path):
     frame = pd.DataFrame({"time_s": [0.0, 1.0], "elevator_deg": [-2.0, 2.0], "throttle": [0.1, 0.3]})
     path = tmp_path / "stick.csv"

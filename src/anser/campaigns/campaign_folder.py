@@ -71,8 +71,11 @@ class Campaign:
 
         The map of the report shows the worst flights (number: `worst`; 0: no map) and `background` evenly spaced other
         flights; flights that are not archived are flown again. `progress` is called with a message and the completed
-        fraction, 0..1. Raises StoreError if no flight is complete.
+        fraction, 0..1. Raises StoreError if no flight is complete, ValueError if a number is not 0 to 1000.
         """
+        for name, number in (("worst", worst), ("background", background)):
+            if not 0 <= number <= 1000:
+                raise ValueError(f"{name}: arrived {number}; expected a number of flights from 0 to 1000")
         return write_campaign(self.store, worst, background, progress)
 
     def flight(self, number: int) -> Scenario:

@@ -543,8 +543,9 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def _parse_column(texts: list[str]) -> np.ndarray:
-    if set(texts) <= {"true", "false"}:
-        return np.array([text == "true" for text in texts])
+    words = [text.lower() for text in texts]  # spreadsheets write TRUE and FALSE
+    if set(words) <= {"true", "false"}:
+        return np.array([word == "true" for word in words])
     try:
         return np.array([float(text) for text in texts])
     except ValueError:

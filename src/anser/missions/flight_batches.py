@@ -135,7 +135,8 @@ def fly_many(
         program of its own. None: the number of flights that are not flown singly, at most `BATCH`.
     on_rows
         Called with the indices in `cases` and the result rows of finished flights: first once for the flights that are
-        refused because of the precision, then after each batch and after each flight that is flown singly.
+        refused because of the precision, then after each batch, once for the flights that cannot be built, and after
+        each flight that is flown singly.
     series
         Variables recorded over time; None: no series.
     precision
@@ -173,7 +174,8 @@ def fly_many(
     on_progress(f"flying {len(cases)} flights", 0.0)
     if refusals:
         deliver(list(refusals), [FlightRow.failed_start(reason) for reason in refusals.values()])
-    for group, positions, flights in _group_cases([cases[k] for k in batched], batch or BATCH):
+    unbuildable: dict[int, str] = {}
+    for group, positions, flights in _group_cases([cases[k] for k in batched], batch or BATCH, unbuildable):
         numbers = [batched[k] for k in positions]
         stacked = group.stacked(flights, min(BATCH, len(batched)) if batch is None else batch)
         before, size = finished, len(numbers)
@@ -183,6 +185,8 @@ def fly_many(
 
         flown = _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision, outputs, on_share)
         deliver(numbers, flown)
+    if unbuildable:
+        deliver([batched[k] for k in unbuildable], [FlightRow.failed_start(reason) for reason in unbuildable.values()])
     for k in single:
         deliver([k], [_fly_alone(cases[k], series, outputs)])
     return cast(list[FlightRow], flight_rows)
@@ -293,7 +297,11 @@ class _FlightGroup:
         return [leaf for leaf, differs in zip(leaves, differ, strict=True) if differs]
 
 
-def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
+def _group_cases(
+    cases: Sequence[FlightCase],
+    batch: int,
+    unbuildable: dict[int, str] | None = None,  # receives the reasons of ScenarioErrors by index; None: they are raised
+) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
     """Yield batches of at most `batch` flights of equal structure, step, replanning period and duration.
 
     Each item has the group, the indices in `cases` of the flights in the batch, and these flights.
@@ -302,7 +310,13 @@ def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Fli
     previous: tuple[Scenario, Flight] | None = None
     for number, case in enumerate(cases):
         if previous is None or case.scenario is not previous[0]:
-            previous = case.scenario, build_flight(case.scenario)
+            try:
+                previous = case.scenario, build_flight(case.scenario)
+            except ScenarioError as error:
+                if unbuildable is None:
+                    raise
+                unbuildable[number] = "; ".join(map(str, error.problems))
+                continue
         seed = case.scenario.seed if case.seed is None else case.seed
         randomness = flight_randomness(seed, case.number) if case.randomness is None else case.randomness
         flight = dataclasses.replace(previous[1], randomness=randomness)

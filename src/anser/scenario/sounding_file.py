@@ -57,6 +57,8 @@ _EXPECTED = (
     "density_kg_m3 in the place of one of the two), and optional relative_humidity_percent (or dew_point_c), "
     "wind_speed_m_s (or wind_speed_kt), wind_from_deg; or a listing with PRES, HGHT, TEMP"
 )
+_HUMIDITY_MAX_PERCENT = 105.0
+"""Greatest relative humidity that a radiosonde may measure in saturated air; counted as 100 %."""
 _WIND_ALTITUDE_MAX_M = 30_000.0
 
 
@@ -180,6 +182,7 @@ def _level(row: _Row, source: str) -> dict[str, float]:
     temperature = celsius + CELSIUS_K
     saturated = float(vapour_pressure(temperature))
     humidity = values.get("humidity", 0.0)
+    humidity = 100.0 if 100.0 < humidity <= _HUMIDITY_MAX_PERCENT else humidity
     if "dew point" in values:
         humidity = min(100.0, 100.0 * float(vapour_pressure(values["dew point"] + CELSIUS_K)) / saturated)
     if pressure is None:

@@ -237,7 +237,7 @@ class _Reader:
         no altitudes.
         """
         if vertical == "altitude":
-            standard = str(self.dataset[name].attrs.get("standard_name", ""))
+            standard = self.dataset[name].attrs.get("standard_name") or name
             return np.broadcast_to(axis, shape), standard == "geopotential_height"
         height = self._find("height", self.dataset.data_vars)
         if height is None:

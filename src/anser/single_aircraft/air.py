@@ -1,5 +1,6 @@
 """Air and Earth of a flight of one aircraft, from the tables of a scenario file."""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
@@ -104,8 +105,16 @@ def read_air(
         turbulence = {"intensity": turbulence}
     values: dict[str, Any] = {"earth": earth, "atmosphere": atmosphere, "wind": wind, "turbulence": turbulence}
     values = {key: value for key, value in values.items() if value is not None} | {"gust": tuple(gust), "seed": seed}
+    values = {key: _with_text_paths(table) for key, table in values.items()}
     values = insert_sounding(values, "air and Earth")
     try:
         return Air.model_validate(values)
     except ValidationError as error:
         raise ScenarioError("air and Earth", validation_problems(error, Air, values)) from None
+
+
+def _with_text_paths(table: Any) -> Any:
+    """Return a table with the paths of files as texts; another value is returned unchanged."""
+    if not isinstance(table, Mapping):
+        return table
+    return {key: os.fspath(value) if isinstance(value, os.PathLike) else value for key, value in table.items()}

@@ -32,7 +32,8 @@ def sample_inputs(
         - Table (CSV file, DataFrame, Dataset) with a column `time_s` (a Dataset: the coordinate `time`) and a column
           per input.
 
-        Values over time are interpolated linearly, and constant beyond their times.
+        Values over time are interpolated linearly, and constant beyond their times. Courses are interpolated along
+        the shorter turn: from 170 to -170 deg through 180 deg.
     reference
         Values at the start, by name of the input, in the unit of the input; they define the order of the columns.
     time_s
@@ -55,7 +56,8 @@ def sample_inputs(
         place = f"{subject}[{name!r}]" if is_by_name else f"{subject}, column {key!r}"
         if isinstance(value, InputSignal):
             value.require_sampling(float(time_s[1] - time_s[0]), place)
-        values = value(time_s) if isinstance(value, InputSignal) else _sample(value, time_s, place)
+        is_course = name == "course_deg" and not increments
+        values = value(time_s) if isinstance(value, InputSignal) else _sample(value, time_s, place, is_course)
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{place}: arrived values that are not finite; expected numbers throughout")
         column[:] = column + values if increments or isinstance(value, InputSignal) else values
@@ -65,7 +67,7 @@ def sample_inputs(
     return sampled
 
 
-def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
+def _sample(value: Any, time_s: np.ndarray, place: str, is_course: bool) -> np.ndarray:
     if isinstance(value, tuple):
         if len(value) != 2:
             raise ValueError(f"{place}: arrived a tuple of {len(value)}; expected (times in s, values)")
@@ -74,7 +76,7 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
         if not is_rising or times.shape != values.shape:
             arrived = f"{times.size} times and {values.size} values" if is_rising else "times that do not rise"
             raise ValueError(f"{place}: arrived {arrived}; expected rows of equal length, with rising times")
-        return np.interp(time_s, times, values)
+        return np.interp(time_s, times, np.unwrap(values, period=360.0) if is_course else values)
     try:
         values = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
