@@ -291,6 +291,8 @@ def test_wrong_names_are_refused(arguments, message):
     ("arguments", "message"),
     [
         ({"cases": 0}, "cases: arrived 0"),
+        ({"cases": 2.5}, "cases: arrived 2.5; expected a whole number"),
+        ({"seed": 1.5}, "seed: arrived 1.5; expected a whole number from 0"),
         ({"precision": "float16"}, "precision: arrived 'float16'"),
         ({"step_s": 0.03}, "step_s: arrived 0.03; expected a divisor of the decision, 0.01 s"),
         ({"step_s": 0.0}, "step_s: arrived 0; expected a divisor"),

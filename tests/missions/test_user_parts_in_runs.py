@@ -167,12 +167,31 @@ def test_a_scenario_file_names_its_parts(tmp_path):
         (lambda u, s: u, r"Returns.control: arrived an array of shape \(3,\); expected \(controls, signals, state\)"),
         (lambda u, s: (Controls(u[:2], u[0]), None, s), r"surfaces of shape \(2,\)"),
         (lambda u, s: (Controls(u, u[0]), None, jnp.zeros(3)), "the state in the structure of init"),
+        (lambda u, s: (Controls(u, u[0]), {"gain": u[0]}, s), "arrived the signals dict; expected None, or an object"),
         (lambda u, s: (Controls(u + s, u[0]), None, s), "expected a method that JAX can trace"),
     ],
 )
 def test_wrong_returns_are_refused_by_part_and_method(result, message):
     with pytest.raises(ScenarioError, match=message):
         anser.run(THREE, controller=Returns(result))
+
+
+@pytest.mark.parametrize(
+    ("modify", "message"),
+    [
+        (lambda r: r.state, "Reads.read: arrived AircraftState; expected an anser.parts.Reading first"),
+        (lambda r: eqx.tree_at(lambda r: r.specific_force_b, r, jnp.zeros(2)), "specific_force_b = an array of shape"),
+        (lambda r: eqx.tree_at(lambda r: r.state.rates_b, r, jnp.zeros(2)), "a reading with a state of other arrays"),
+    ],
+)
+def test_wrong_readings_are_refused(modify, message):
+    class Reads(AbstractSensors):
+        def read(self, state, truth, instant):
+            reading, state = IdealSensors().read(state, truth, instant)
+            return modify(reading), state
+
+    with pytest.raises(ScenarioError, match=message):
+        anser.run(SINGLE, sensors=Reads())
 
 
 def test_wrong_parts_are_refused():

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import gc
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -11,12 +12,15 @@ import pytest
 from scipy.linalg import expm
 
 import anser
+from anser.aircraft import Controls
 from anser.analysis.trim_points import ConditionError
 from anser.compiling import program
 from anser.config.errors import ScenarioError
 from anser.control import InversionAutopilot, LoopCommand, default_limits, published_gains
 from anser.environment import SteadyWind, standard_environment
+from anser.parts import AbstractController, AbstractSensors
 from anser.results.netcdf import read_netcdf
+from anser.sensing import IdealSensors
 from anser.simulation.open_loop import PrescribedCommand
 from anser.simulation.response import ConstantCommand
 from anser.single_aircraft import flight as flight_module
@@ -388,6 +392,50 @@ def test_increments_are_added_to_the_motion_of_the_start_too():
         f16(), level(), controller="inversion", command={"airspeed_m_s": 10.0}, increments=True, duration_s=SHORT_S
     ).dataset
     assert float(flown.airspeed_command_m_s[-1]) == pytest.approx(160.0)
+
+
+class Pitot(AbstractSensors):
+    """Sensors whose airspeed is the true one times a factor."""
+
+    factor: float
+
+    def read(self, state, truth, instant):
+        reading, state = IdealSensors().read(state, truth, instant)
+        measured_b = self.factor * truth.state.velocity_b  # in still air
+        return eqx.tree_at(lambda r: r.velocity_air_b, reading, measured_b, is_leaf=lambda leaf: leaf is None), state
+
+
+def test_an_airspeed_that_is_measured_too_low_is_flown_too_fast():
+    flown = anser.simulate(f16(), level(), controller="inversion", sensors=Pitot(0.95), duration_s=40.0).dataset
+    assert float(flown.airspeed_m_s[-1]) == pytest.approx(150.0 / 0.95, abs=0.1)
+
+
+class CountedInWholeNumbers(AbstractController):
+    def init(self, state, attitude):
+        return jnp.zeros((), int)
+
+    def control(self, state, belief, command, step):
+        return Controls(belief.state.surfaces, 0.1 * state), None, state + step
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"controller": CountedInWholeNumbers()}, r"control: arrived the state .* float64.*; expected .* int64"),
+        ({"sensors": Pitot}, "sensors: arrived the class Pitot; expected an object of a subclass"),
+        ({"sensors": "nowhere:Ideal"}, "sensors: arrived \"nowhere:Ideal\" \\(No module named 'nowhere'\\)"),
+        ({"estimator": IdealSensors()}, "estimator: arrived an object of IdealSensors"),
+    ],
+)
+def test_wrong_parts_are_refused_as_in_a_scenario(parts, message):
+    with pytest.raises(ScenarioError, match=message):
+        anser.simulate(f16(), level(), duration_s=1.0, **({"controller": "inversion"} | parts))
+
+
+def test_an_input_excited_under_two_names_is_refused():
+    twice = {"elevator": anser.doublet(1.0), "elevator_deg": anser.doublet(1.0)}
+    with pytest.raises(ValueError, match="arrived 'elevator_deg' beside another name"):
+        anser.simulate(f16(), level(), controller="inversion", excitation=twice, duration_s=3.0)
 
 
 def test_wrong_air_is_refused_as_in_a_scenario():

@@ -100,10 +100,9 @@ def make(
         _require("task", task, TASKS, ", or an AbstractTask")
     _require("action", action, LEVELS)
     _require("precision", precision, PRECISIONS)
-    if cases is not None and cases < 1:
-        raise ValueError(f"cases: arrived {cases}; expected at least 1")
-    if seed is not None and seed < 0:
-        raise ValueError(f"seed: arrived {seed}; expected a whole number from 0")
+    for name, number, least in (("cases", cases, 1), ("seed", seed, 0)):
+        if number is not None and not (isinstance(number, int | np.integer) and number >= least):
+            raise ValueError(f"{name}: arrived {number!r}; expected a whole number from {least}")
     level, chosen_task = LEVELS[action], TASKS[task]() if isinstance(task, str) else task
     _require("action", action, chosen_task.levels, ": at other levels the autopilot itself solves the task")
     name = task if isinstance(task, str) else type(task).__name__

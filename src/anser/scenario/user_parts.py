@@ -20,7 +20,7 @@ from anser.environment.gusts import NoGusts
 from anser.numerics.randomness import flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
-from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant, Truth
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant, Reading, Truth
 from anser.parts.planners import AbstractPlanner
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import air_flow, true_situation
@@ -99,6 +99,18 @@ class UserParts:
             for kind, part in vars(self).items()
             if part is not None
         }
+
+
+def resolved_parts(**parts: Any) -> UserParts:
+    """Return the user-defined parts of a flight of one aircraft, by kind, as objects; None: no such part.
+
+    Raises ScenarioError if a name cannot be imported, or an object does not subclass the interface of its part.
+    """
+    problems: list[Problem] = []
+    resolved = {kind: _resolve_part(part, kind, kind, problems) for kind, part in parts.items()}
+    if problems:
+        raise ScenarioError(_SOURCE, problems)
+    return UserParts(**resolved)
 
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
@@ -214,6 +226,10 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     truth = eqx.filter_eval_shape(situation, start)
     state = trace("sensors", "init", truth, instant)
     reading, _ = trace("sensors", "read", state, truth, instant, returns="(reading, state)")
+    if "sensors" in kinds:
+        problem = _reading_problem(reading, truth)
+        if problem:
+            raise part_error("sensors", vehicle.sensors, "read", *problem)
     state = trace("estimator", "init", reading, airframe, instant)
     belief, _ = trace("estimator", "estimate", state, reading, airframe, instant, returns="(belief, state)")
     if "estimator" in kinds and not isinstance(belief, Belief):
@@ -224,11 +240,28 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     scalar: Any = jax.ShapeDtypeStruct((), float)
     command = PathCommand(scalar, scalar, scalar, scalar, scalar, scalar)
     returns = "(controls, signals, state)"
-    controls, *_ = trace("controller", "control", state, belief, command, instant.step, returns=returns)
+    controls, signals, _ = trace("controller", "control", state, belief, command, instant.step, returns=returns)
     arrived, count = _described(controls), len(airframe.actuators.names)
     expected = f"Controls with surfaces of shape ({count},) and a throttle of shape ()"
     if "controller" in kinds and arrived != expected:
         raise part_error("controller", vehicle.controller, "control", arrived, f"anser.aircraft.{expected}")
+    if "controller" in kinds and signals is not None and not hasattr(signals, "variables"):
+        arrived, expected = f"the signals {_described(signals)}", "None, or an object with a method variables()"
+        raise part_error("controller", vehicle.controller, "control", arrived, expected)
+
+
+def _reading_problem(reading: Any, truth: Truth) -> tuple[str, str] | None:
+    """Return what arrived and what is expected in place of a reading of own sensors; None for a reading that fits."""
+    if not isinstance(reading, Reading):
+        return _described(reading), "an anser.parts.Reading first"
+    for name, exact in (("state", truth.state), ("condition", truth.condition)):
+        if _signature(getattr(reading, name)) != _signature(exact):
+            return f"a reading with a {name} of other arrays", f"the arrays of truth.{name}"
+    for name in ("specific_force_b", "velocity_air_b"):
+        vector = getattr(reading, name)
+        if np.shape(vector) != (3,) and not (vector is None and name == "velocity_air_b"):
+            return f"a reading with {name} = {_described(vector)}", "an array of shape (3,)"
+    return None
 
 
 def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: bool = True) -> Any:
@@ -262,6 +295,7 @@ def _described(value: Any) -> str:
 def _signature(state: Any) -> str:
     leaves, structure = jax.tree.flatten(state)
     shapes = [
-        f"{np.dtype(leaf.dtype).name}{list(leaf.shape)}" if hasattr(leaf, "dtype") else repr(leaf) for leaf in leaves
+        f"{np.dtype(leaf.dtype).name}{list(leaf.shape)}" if hasattr(leaf, "dtype") else f"{leaf!r}, not an array"
+        for leaf in leaves
     ]
     return f"{structure} with {', '.join(shapes) or 'no arrays'}".replace("PyTreeDef", "")

@@ -146,8 +146,9 @@ class TrackingEstimator(AbstractEstimator):
             condition = air_data_and_forces(airframe, environment, instant.time, state, disturbance=disturbance)
         elif self.vehicle is not None:
             condition = air_data_and_forces(airframe, instant.environment, instant.time, state)
-        elif self.model is not None:
-            condition = modelled_air_data_and_forces(airframe, condition, condition.air_data, state)
+        elif self.model is not None or reading.velocity_air_b is not None:
+            data = reading.air_data(instant.environment)
+            condition = modelled_air_data_and_forces(airframe, condition, data, state)
         sight = reading.sight
         if self.goal is not None:
             assert reading.goal is not None

@@ -61,6 +61,10 @@ def read_excitation(
             raise ValueError(
                 f"excitation[{name!r}]: arrived {type(signal).__name__}; expected a signal, such as anser.doublet(1.0)"
             )
+        if key in (given for given, _ in terms):
+            raise ValueError(
+                f"excitation: arrived {name!r} beside another name of this input; expected each input once"
+            )
         signal.require_sampling(step_s, f"excitation[{name!r}]")
         has_loops = isinstance(controller, InversionAutopilot) and controller.loop == "velocity"
         if key in LOOP_INPUTS and not has_loops:

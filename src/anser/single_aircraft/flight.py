@@ -37,6 +37,7 @@ from anser.results.dataset import air_variables, qnh_attributes, value_range
 from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
+from anser.scenario.user_parts import check_user_parts, resolved_parts
 from anser.sensing.adaptation import AdaptiveEstimator, adaptive_estimator
 from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
@@ -269,6 +270,13 @@ def simulate(
         guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
     changes = read_changes(airframe, change, duration_s)
+    own = resolved_parts(
+        controller=controller if isinstance(controller, AbstractController) else None,
+        guidance=command if isinstance(command, AbstractGuidance) else None,
+        sensors=sensors,
+        estimator=estimator,
+    )
+    sensors, estimator = own.sensors, own.estimator
     is_adaptive = controller == "adaptive"
     if estimator is None:
         estimator = TrackingEstimator(model=None if changes is None and not is_adaptive else airframe)
@@ -283,6 +291,7 @@ def simulate(
         "changes": changes,
         "excitation": test_inputs,
     }
+    check_user_parts(Vehicle(**parts), environment, step_s, "aircraft", own)
     recorder = AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride)
     instant = Instant(environment, as_array(0, np.int32), as_array(step_s), flight_randomness(seed))
     # A law is traced for its flight alone, and the program is dropped afterwards.
