@@ -241,7 +241,12 @@ class Hold(Table):
 
 
 class Requirements(Table):
-    """Requirements that a flight must meet to pass."""
+    """Requirements that a flight must meet to pass.
+
+    The airspeed up to the arrival, without gusts, must be within `[limits]` too: within the values of the file, or, if
+    the file leaves the values out, within the range of the aircraft's data (F-16: the defaults). The tighter limits that
+    follow from an aircraft's performance are for plans and autopilot alone.
+    """
 
     miss_max_m: float = number(
         "largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, exclusive_minimum=True
