@@ -142,6 +142,15 @@ def test_check_is_quick_and_plain(anser):
     assert f"Next: anser plan {SCENARIOS / 'storm-sampling.toml'}" in printed
 
 
+def test_check_reads_the_wind_field(anser, tmp_path):
+    path = tmp_path / "windy.toml"
+    path.write_text((SCENARIOS / "climb-and-turn.toml").read_text() + '\n[wind]\nfield = "wind.nc"\n')
+    (tmp_path / "wind.nc").write_text("no NetCDF")
+    code, _, err = anser("check", path)
+    assert code == 2
+    assert "wind.field: arrived wind.nc with a file that cannot be read" in err
+
+
 def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_path):
     path = tmp_path / "mine.toml"
     assert anser("new", path)[0] == 0

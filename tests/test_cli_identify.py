@@ -39,6 +39,13 @@ def test_derivatives_of_a_run_are_written_with_an_aircraft_file_that_passes_the_
     assert "which exists" in err
 
 
+def test_an_existing_folder_is_refused_before_the_estimation(anser, recordings, tmp_path, monkeypatch):
+    monkeypatch.setattr("anser.identification.identify.identify", lambda *_, **__: pytest.fail("computed first"))
+    code, _, err = anser("identify", recordings / "run", "--out", tmp_path)
+    assert code == 2
+    assert "which exists" in err
+
+
 def test_a_table_with_a_map_gives_the_short_period(anser, recordings, tmp_path):
     arguments = ("identify", recordings / "stick.csv", "--map", recordings / "map.toml", "--model", "short-period")
     code, printed, err = anser(*arguments, "--aircraft", "f16", "--json", "--out", tmp_path / "estimate")

@@ -70,6 +70,7 @@ def test_sweep_prints_json_and_ends_with_1_for_a_failed_flight(anser, tmp_path):
         ("wind.speed_m_s=0:1:1e-9", "10000 at most"),
         ("wind.sped_m_s=5", "wind.sped_m_s"),
         ("wind.speed_m_s=-5", "wind.speed_m_s"),
+        ("wind.speed_m_s=5,5.0", "a value twice"),
     ],
 )
 def test_an_invalid_sweep_ends_with_2(anser, tmp_path, text, said):

@@ -67,3 +67,10 @@ def test_bad_input_ends_with_2(anser, arguments, message):
     code, printed, err = anser(*arguments)
     assert (code, printed) == (2, "")
     assert message in err
+
+
+@pytest.mark.parametrize("command", [("trim", "--aircraft"), ("linearize", "--aircraft"), ("simulate",)])
+def test_a_centre_of_gravity_of_another_aircraft_than_the_f16_ends_with_2(anser, command):
+    condition = ("--speed-m-s", "25", "--altitude-m", "100", "--cg", "0.3")
+    said = "--cg: arrived 0.3 with aerosonde; expected none: the F-16 alone has it\n"
+    assert anser(*command, "aerosonde", *condition) == (2, "", said)

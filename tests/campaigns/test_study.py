@@ -196,6 +196,12 @@ def test_a_table_gives_the_values(tmp_path):
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n\n0.5\n\nnan\n")
     with pytest.raises(ScenarioError, match=r"row 5, column wind\.speed_m_s: arrived nan; expected a finite number"):
         load_study(tmp_path / "study.toml")
+    (tmp_path / "values.csv").write_text('wind.speed_m_s\n"1\n2\n')
+    with pytest.raises(ScenarioError, match="a table that is no CSV"):
+        load_study(tmp_path / "study.toml")
+    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5\nfast\n")
+    with pytest.raises(ScenarioError, match=r'row 3, column wind\.speed_m_s: arrived "fast"; expected a number'):
+        load_study(tmp_path / "study.toml")
     (tmp_path / "values.csv").write_text("seed\n1\n")
     with pytest.raises(ScenarioError, match="another path: the study's seed"):
         load_study(tmp_path / "study.toml")

@@ -80,6 +80,27 @@ def refused(recording, *columns, **options):
     return str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,alpha_deg,alpha_deg\n0,1,99\n", "the column alpha_deg twice"),
+        ("time_s,alpha_deg\n", "no row of numbers"),
+        ("time_s,alpha_deg\n0,1,2,3\n1,2,3,4\n", "a row with more cells than the heading"),
+        ("\0\xff" * 1000, "cannot be read as CSV"),
+    ],
+)
+def test_each_defect_of_a_csv_file_has_a_message(tmp_path, text, message):
+    (tmp_path / "flight.csv").write_text(text, encoding="latin-1")
+    said = refused(tmp_path / "flight.csv")
+    assert message in said
+    assert len(said) < 500
+
+
+def test_a_column_of_a_map_must_be_a_text():
+    for entry in ({"column": ["alpha_deg"]}, {"column": "alpha_deg", "unit": ["deg"]}):
+        assert "expected a column, or a table of column, unit and factor" in refused(table(), {"alpha_deg": entry})
+
+
 def test_each_defect_of_a_recording_has_a_message(tmp_path):
     time = table()["time_s"].to_numpy()
     hole = np.where((time > 3.0) & (time < 4.0), np.nan, table()["alpha_deg"])

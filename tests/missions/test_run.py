@@ -230,10 +230,21 @@ def test_a_start_without_steady_flight_is_reported():
         assert "slowest trimmable speed" in message
 
 
+@pytest.mark.parametrize(
+    ("key", "limit", "text"), [("max", -1.0, "-1; expected at least"), ("min", 20.0, "20; expected at most")]
+)
+def test_a_start_beyond_the_limits_of_the_angle_of_attack_is_reported(key, limit, text):
+    """Steady flight at the start has about 2.8 deg."""
+    with pytest.raises(ScenarioError, match=rf'limits.alpha_{key}_deg \(aircraft "aircraft-\d"\): arrived {text}'):
+        anser.run(loads(THREE).replace(f"limits.alpha_{key}_deg", limit))
+
+
 @pytest.mark.long
 def test_an_aircraft_that_meets_the_ground_stops_and_is_named():
-    """The autopilot has no authority upward: a low limit on alpha makes the first aircraft sink to the ground."""
-    text = THREE.replace("bank_max_deg = 70.0", "bank_max_deg = 70.0\nalpha_min_deg = -5.0\nalpha_max_deg = 0.5")
+    """The autopilot has no authority upward: iced wings need more than the greatest angle of attack."""
+    text = THREE.replace("bank_max_deg = 70.0", "bank_max_deg = 70.0\nalpha_max_deg = 3.1")
+    text += '\n[[event]]\ntime_s = 1.0\nkind = "aircraft-changes"\naircraft = "aircraft-1"\n'
+    text += "deviation = { lift_slope = 0.5, drag = 1.5 }\n"
     flown = anser.run(loads(text))
     assert not flown.met
     # breaking off does not help it; what it ended with is told

@@ -226,6 +226,15 @@ def test_the_standard_name_of_levels_counts_before_their_name(tmp_path: Path, na
     assert float(build_wind_field(Wind(field=str(renamed)), None).altitude_max) == 500.0
 
 
+def test_latitudes_beyond_the_poles_are_refused(tmp_path: Path) -> None:
+    with xr.open_dataset(era5_file(tmp_path / "era5.nc")) as data:
+        latitude = data.latitude + 60.0
+        far = data.load().assign_coords(latitude=latitude.assign_attrs(units="degrees_north"))
+    far.to_netcdf(tmp_path / "far.nc", engine="netcdf4")
+    with pytest.raises(ScenarioError, match=r"latitudes from .* deg; expected latitudes within -90 to 90 deg"):
+        build_wind_field(Wind(field=str(tmp_path / "far.nc")), None)
+
+
 def test_levels_named_geopotential_height_need_no_standard_name(tmp_path: Path) -> None:
     name = "geopotential_height"
     path = calm_file(tmp_path, lambda data: change(name, standard_name="")(data.rename(altitude=name)))

@@ -167,6 +167,8 @@ class Validity(Table):
             ("beta_deg", (-90.0, 90.0), "deg"),
         ):
             bounds = getattr(self, key)
+            if any(problem.path == key for problem in problems):
+                continue
             if min(bounds) < lowest or max(bounds) > highest:
                 expected = f"numbers from {format_number(lowest)} to {format_number(highest)} {unit}"
                 problems.append(Problem(key, format_range(bounds), expected))

@@ -508,7 +508,7 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
 
     Raises ScenarioError if the file is not a valid table; the message names the line of the file.
     """
-    reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines())
+    reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines(keepends=True), strict=True)
     try:
         numbered = [(reader.line_num, [text.strip() for text in row]) for row in reader if row]
     except csv.Error as error:
@@ -531,6 +531,13 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
         raise ScenarioError(os.fspath(path), problems[:1])
     columns = {head: _parse_column(list(texts)) for head, *texts in zip(*rows, strict=True)}
     problems = [
+        Problem(f"row {line}, column {head}", describe_value(text), "a number, as in other rows of the column")
+        for head, values in columns.items()
+        if values.dtype.kind == "U" and any(map(_is_number, values.tolist()))
+        for line, text in zip(lines[1:], values.tolist(), strict=True)
+        if not _is_number(text)
+    ]
+    problems += [
         Problem(f"row {line}, column {head}", describe_value(float(number)), "a finite number")
         for head, values in columns.items()
         if values.dtype.kind == "f"
@@ -542,11 +549,16 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     return columns
 
 
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _parse_column(texts: list[str]) -> np.ndarray:
     words = [text.lower() for text in texts]  # spreadsheets write TRUE and FALSE
     if set(words) <= {"true", "false"}:
         return np.array([word == "true" for word in words])
-    try:
-        return np.array([float(text) for text in texts])
-    except ValueError:
-        return np.array(texts)
+    return np.array([float(text) for text in texts] if all(map(_is_number, texts)) else texts)

@@ -94,12 +94,12 @@ def compare(
     from anser.campaigns.comparison import compare_campaigns
     from anser.report.campaign_figures import draw_paired
 
-    with refuse_on(ValueError, f"{folder}, {other}: "):
-        comparison = compare_campaigns(folder, other)
+    with contextlib.nullcontext() if out is None else open_output_folder(out, force) as into:
+        with refuse_on(ValueError, f"{folder}, {other}: "):
+            comparison = compare_campaigns(folder, other)
+        written = () if into is None else draw_paired(comparison.dataset, into)
     if out is not None:
-        with open_output_folder(out, force) as into:
-            written = draw_paired(comparison.dataset, into)
-            print_note(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
+        print_note(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
     print_document(lambda: {"format_version": 1, **comparison.as_dict()})
     _print_comparison(comparison)
 

@@ -397,8 +397,11 @@ def must_be_f16(aircraft: str, instead: str) -> None:
         raise InputError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
-def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft") -> None:
-    """Raise InputError if an airframe's name (option `parameter`) or variant is unknown; paths are not checked."""
+def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft", cg: float | None = None) -> None:
+    """Raise InputError if an airframe's name (option `parameter`), variant or option --cg is unknown to it.
+
+    Paths are not checked. The F-16 alone has the centre of gravity `cg`.
+    """
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
         raise InputError(f"{parameter}: arrived {aircraft!r}; expected {expected}")
@@ -406,3 +409,5 @@ def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--airc
     if variant not in variants:
         expected = f"one of {', '.join(variants)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"
         raise InputError(f"--variant: arrived {variant!r}; expected {expected}")
+    if cg is not None and aircraft not in VARIANTS:
+        raise InputError(f"--cg: arrived {cg:g} with {aircraft}; expected none: the F-16 alone has it")

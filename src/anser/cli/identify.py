@@ -72,21 +72,22 @@ def identify(
     from anser.single_aircraft.model import aircraft as load_model
 
     vehicle = None if aircraft is None else load_model(aircraft, variant)
-    with activity("estimating"), refuse_on(ValueError):
-        result = compute(
-            run,
-            model,
-            aircraft=vehicle,
-            method=method,
-            validate=validate,
-            columns=map_,
-            accelerometer_m=(position[0], position[1], position[2]),
-            aircraft_name=aircraft_name,
-            window_s=None if window is None else (window[0], window[1]),
-            align=align,
-        )
-    with open_output_folder(out, force) as folder, activity("drawing"):
-        result.write_into(folder)
+    with open_output_folder(out, force) as folder:
+        with activity("estimating"), refuse_on(ValueError):
+            result = compute(
+                run,
+                model,
+                aircraft=vehicle,
+                method=method,
+                validate=validate,
+                columns=map_,
+                accelerometer_m=(position[0], position[1], position[2]),
+                aircraft_name=aircraft_name,
+                window_s=None if window is None else (window[0], window[1]),
+                align=align,
+            )
+        with activity("drawing"):
+            result.write_into(folder)
     print_document(result.document)
     headings = [
         *columns("parameter", no_wrap=True),

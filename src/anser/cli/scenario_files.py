@@ -35,6 +35,10 @@ def check(scenario: ScenarioPath) -> None:
     """
     try:
         loaded = load_with_overrides(scenario, with_trim_maps=False)
+        if loaded.wind.field is not None:
+            from anser.scenario.build_wind_field import check_wind_field  # late import: JAX
+
+            check_wind_field(loaded)
     except ScenarioError as error:
         problems = [dataclasses.asdict(problem) for problem in error.problems]
         print_document(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": problems})

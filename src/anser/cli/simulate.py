@@ -1,5 +1,6 @@
 """Command simulate: open-loop flight of one aircraft under given control inputs."""
 
+import contextlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -96,7 +97,7 @@ def simulate(
     force: Force = False,
 ) -> None:
     """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
-    must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
+    must_be_known_aircraft(aircraft, variant, "AIRCRAFT", cg)
     must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
     atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
@@ -123,29 +124,29 @@ def simulate(
             raise InputError(f"--input {text}: arrived {name!r}; expected NAME=SIGNAL:AMPLITUDE, {expected}")
         with refuse_on(ValueError, f"--input {text}: "):
             signals[name] = parse_signal(signal)
-    with activity("trimming"):
-        trim = model.trim(**condition, atmosphere=atmosphere)
-    if trim.diagnosis is not None:
-        end_without_result("no steady flight", [trim.diagnosis])
-    with activity("flying"), refuse_on(ValueError):
-        flight = fly(
-            model,
-            trim,
-            signals if controls is None else controls,
-            duration_s=duration_s,
-            step_s=step_s,
-            record_period_s=record_period_s,
-            increments=increments,
-            wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
-            atmosphere=atmosphere,
-            turbulence=turbulence,
-            earth=None if earth == "standard" else earth,
-            seed=seed,
-        )
-    dataset = flight.dataset
-    if out is not None:
-        with open_output_folder(out, force) as folder:
+    with contextlib.nullcontext() if out is None else open_output_folder(out, force) as folder:
+        with activity("trimming"):
+            trim = model.trim(**condition, atmosphere=atmosphere)
+        if trim.diagnosis is not None:
+            end_without_result("no steady flight", [trim.diagnosis])
+        with activity("flying"), refuse_on(ValueError):
+            flight = fly(
+                model,
+                trim,
+                signals if controls is None else controls,
+                duration_s=duration_s,
+                step_s=step_s,
+                record_period_s=record_period_s,
+                increments=increments,
+                wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
+                atmosphere=atmosphere,
+                turbulence=turbulence,
+                earth=None if earth == "standard" else earth,
+                seed=seed,
+            )
+        if folder is not None:
             flight.write_into(folder)
+    dataset = flight.dataset
     figures = [dict(zip(_COLUMNS, (name, *value_range(dataset[name])), strict=True)) for name in _SHOWN]
     end, length_s = dataset.attrs["end"], float(dataset.time[-1])
     summary = {"controls": dataset.attrs["controls"], "end": end, "duration_s": length_s, "variables": figures}

@@ -66,7 +66,7 @@ def trim(
     ] = 0.0,
 ) -> None:
     """Find the steady flight at a condition, or report the limiting quantity and the nearest steady flight."""
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, cg=cg)
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
         "speed_m_s": true_airspeed_of(altitude_m, airspeeds),
@@ -133,7 +133,7 @@ def linearize(
     force: Force = False,
 ) -> None:
     """Trim an aircraft and linearize it: A, B, C, D and the named modes, in SI units and radians."""
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, cg=x_cg)
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
         "speed_m_s": true_airspeed_of(altitude_m, airspeeds),

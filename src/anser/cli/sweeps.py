@@ -88,6 +88,9 @@ def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
         sweep_values[path] = (
             _range(text, values) if _RANGE.fullmatch(values) else [parse_value(value) for value in values.split(",")]
         )
+        compared = [(isinstance(value, bool), value) for value in sweep_values[path]]  # true is not 1
+        if any(value in compared[:k] for k, value in enumerate(compared)):
+            raise InputError(f"--set: arrived {text!r} with a value twice; expected each value once")
     count = math.prod(len(values) for values in sweep_values.values())
     if count > _VALUES_MAX:
         raise InputError(f"--set: arrived {count} combinations; expected {_VALUES_MAX} at most")

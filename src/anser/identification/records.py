@@ -4,8 +4,10 @@ The series have the keys of the catalogue of variables, such as `alpha`. A recor
 irregular samples and short gaps are interpolated, longer gaps are refused with ValueError.
 """
 
+import csv
 import dataclasses
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -278,11 +280,33 @@ def _read_file(path: Path) -> pd.DataFrame | xr.Dataset:
     if not path.is_file():
         raise ValueError(f"{path}: arrived no file; expected a folder with flight.nc, a NetCDF file or a CSV file")
     try:
-        return read_netcdf(path) if path.suffix == ".nc" else pd.read_csv(path)
+        return read_netcdf(path) if path.suffix == ".nc" else _read_csv(path)
     except DamagedFileError as error:
         raise ValueError(str(error)) from None
     except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: arrived a file that cannot be read as CSV ({error}); expected columns") from None
+        arrived = f"a file that cannot be read as CSV ({str(error)!r:.200})"
+        raise ValueError(f"{path}: arrived {arrived}; expected columns") from None
+
+
+def _read_csv(path: Path) -> pd.DataFrame:
+    """Return the table of a CSV file; its columns of numbers may have empty cells.
+
+    Raises ValueError if the file has no rows, repeats a column, or has rows with more cells than its heading.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        heads = [head.strip() for head in next(csv.reader(file), [])]
+    twice = next((head for k, head in enumerate(heads) if head in heads[:k]), None)
+    if twice is not None:
+        raise ValueError(f"the column {twice:.60} twice")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # surplus cells
+        try:
+            table = pd.read_csv(path, index_col=False)
+        except pd.errors.ParserWarning:
+            raise ValueError("a row with more cells than the heading") from None
+    if not len(table):
+        raise ValueError("no row of numbers")
+    return table
 
 
 def _numbers(name: str, column: Any) -> np.ndarray:
@@ -323,7 +347,10 @@ def _select(
 
 def _convert(name: str, entry: Any, table: Mapping[str, np.ndarray], variable: Variable | None) -> np.ndarray:
     settings = {"column": entry} if isinstance(entry, str) else entry
-    if not isinstance(settings, Mapping) or "column" not in settings or set(settings) - {"column", "unit", "factor"}:
+    is_table = (
+        isinstance(settings, Mapping) and "column" in settings and not set(settings) - {"column", "unit", "factor"}
+    )
+    if not is_table or not all(isinstance(settings.get(key, ""), str | None) for key in ("column", "unit")):
         raise ValueError(f"map, {name}: arrived {entry!r}; expected a column, or a table of column, unit and factor")
     column, unit = settings["column"], settings.get("unit")
     if column not in table:

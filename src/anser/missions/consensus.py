@@ -102,7 +102,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
             scenario, flight, planner, trim_and_build_tasks_compiled.prepare(flight, planner).start(), prepare_next
         )
         fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
-        check_trimmable(scenario, flight, fleet.is_trimmed)
+        check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
         plan, holds, agreed_after_s, reason = negotiate_plan(scenario, flight, tasks, on_progress)
         plan_state = None if plan is None else certified_plan_state(plan, holds, tasks.limits)
         if plan_state is not None:

@@ -212,7 +212,7 @@ def trim_and_plan(
     start_next(prepare_next, flight, start.shapes[0])  # the largest program first
     start.start()
     state, fleet = _start_flight(flight)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
+    check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
     return state, fleet
 
 
@@ -358,7 +358,7 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
     """
     planner = aircraft_planner(flight)
     fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
+    check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
     return arrival_sets(first_rows(tasks, len(scenario.aircraft)), planner.airspace, scenario.timing.latest_arrival_s)
 
 
@@ -399,7 +399,7 @@ class CertifiedFirstPlan(FirstPlan):
         start = trim_and_build_tasks_compiled.prepare(flight, planner).start()
         start_programs(scenario, flight, planner, start, prepare_next)
         fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
-        check_trimmable(scenario, flight, fleet.is_trimmed)
+        check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
         request = arrival_request(scenario, flight.count)
         outcome, holds = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s, on_progress)
         if outcome.plan is not None:

@@ -430,10 +430,10 @@ def _find_untrimmable(
 ) -> dict[int, str]:
     """Return the reason for each flight that has an aircraft that cannot be trimmed, by index in the batch."""
     reasons = {}
-    is_trimmed = np.asarray(fleets.is_trimmed)
+    is_trimmed, alphas = np.asarray(fleets.is_trimmed), [np.asarray(group_alphas) for group_alphas in fleets.alphas]
     for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
         try:
-            check_trimmable(case.scenario, flight, is_trimmed[k])
+            check_trimmable(case.scenario, flight, is_trimmed[k], [group_alphas[k] for group_alphas in alphas])
         except ScenarioError as error:
             reasons[k] = "; ".join(map(str, error.problems))
     return reasons

@@ -169,7 +169,7 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
     if flight.count != jax.tree.leaves(state)[0].shape[0]:
         raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
     fleet = _trim_at_start(flight)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
+    check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
     return plan_type.restore(scenario, flight, fleet, state)
 
 
@@ -193,7 +193,7 @@ def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
     flight = build_flight(scenario, pad_fleet=True)
     flight = dataclasses.replace(flight, randomness=planned.flight.randomness)
     fleet = _trim_at_start(flight)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
+    check_trimmable(scenario, flight, fleet.is_trimmed, fleet.alphas)
     return dataclasses.replace(planned, scenario=scenario, flight=flight, fleet=fleet, start_state=None)
 
 

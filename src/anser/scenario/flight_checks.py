@@ -1,12 +1,13 @@
 """Checks that need the built flight: starts without steady flight, and keys that a study varies without effect."""
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
-from anser.config.errors import Problem, ScenarioError, format_value
+from anser.config.errors import Problem, ScenarioError, format_number, format_value
 from anser.config.key_paths import indexed_path
 from anser.scenario.build import build_flight
 from anser.scenario.schema import Scenario
@@ -15,13 +16,14 @@ from anser.simulation.flight import Flight
 from anser.steady.trim_diagnosis import nearest_trims
 
 
-def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
-    """Raise ScenarioError if an aircraft has no steady flight (no trim) at its start.
+def check_trimmable(scenario: Scenario, flight: Flight, steady: Any, alphas: Sequence[Any]) -> None:
+    """Raise ScenarioError if an aircraft has no steady flight (no trim) within its limits at its start.
 
-    `steady` has a flag for each aircraft of the flight: True if a trim exists. The message names the violated limits
-    and the nearest conditions with a trim.
+    `steady` has a flag for each aircraft of the flight: True if a trim exists. `alphas` has the angles of attack of the
+    trims, rad, an array for each aircraft group. The message names the violated limits, and for an aircraft without
+    trim the nearest conditions with a trim.
     """
-    problems = []
+    problems = _alpha_problems(scenario, flight, steady, alphas)
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
         vehicle, target, position_n = flight.aircraft(int(k))
         diagnosis = nearest_trims(vehicle.airframe, flight.environment, target, position_n)
@@ -44,6 +46,26 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
         raise ScenarioError(scenario.name, problems)
 
 
+def _alpha_problems(scenario: Scenario, flight: Flight, steady: Any, alphas: Sequence[Any]) -> list[Problem]:
+    """Return a problem for each aircraft whose trim has an angle of attack beyond the scenario's limits."""
+    trim_alphas_deg = np.zeros(flight.count)
+    for group, group_alphas in zip(flight.groups, alphas, strict=True):
+        trim_alphas_deg[list(group.members)] = np.degrees(group_alphas)
+    problems = []
+    for k, aircraft in enumerate(scenario.aircraft):
+        alpha_deg, limits = trim_alphas_deg[k], scenario.limits_for(aircraft)
+        low, high = limits.alpha_min_deg, limits.alpha_max_deg
+        if np.asarray(steady)[k] and not low - _ALPHA_ROUNDING_DEG <= alpha_deg <= high + _ALPHA_ROUNDING_DEG:
+            is_low = alpha_deg < low
+            key, limit = ("alpha_min_deg", low) if is_low else ("alpha_max_deg", high)
+            bound_deg = (math.floor if is_low else math.ceil)(100.0 * alpha_deg) / 100.0
+            relation = "most" if is_low else "least"
+            expected = f"at {relation} {bound_deg:g} deg, for the angle of attack of steady flight at the start"
+            problems.append(Problem(f"limits.{key}", format_number(limit), expected, f'aircraft "{aircraft.name}"'))
+    return problems
+
+
+_ALPHA_ROUNDING_DEG = 1e-6
 _DIRECT_TABLES = ("timing", "limits", "arrival", "separation", "requirements", "network", "event")
 """Tables that planner, closed loop or check of requirements read from the scenario itself, not from the flight."""
 _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")

@@ -244,8 +244,8 @@ class Requirements(Table):
     """Requirements that a flight must meet to pass.
 
     The airspeed up to the arrival, without gusts, must be within `[limits]` too: within the values of the file, or, if
-    the file leaves the values out, within the range of the aircraft's data (F-16: the defaults). The tighter limits that
-    follow from an aircraft's performance are for plans and autopilot alone.
+    the file leaves the values out, within the range of the aircraft's data (F-16: the defaults). The tighter limits
+    that follow from an aircraft's performance are for plans and autopilot alone.
     """
 
     miss_max_m: float = number(
@@ -306,7 +306,7 @@ class Network(Table):
 
 def rate_range_problems(rate_range: float, reserve: float, greatest: float) -> list[Problem]:
     """Refuse a `rate_range` above the `greatest` one that the reserve of the plan allows (`fleet.reserve`)."""
-    if rate_range <= greatest:
+    if rate_range <= greatest or greatest <= 0.0:  # 0: an airspeed at a limit, which is refused itself
         return []
     expected = (
         f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = {format_number(reserve)} "

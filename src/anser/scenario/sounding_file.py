@@ -1,7 +1,6 @@
 """Reading of soundings, tables of the measured atmosphere: CSV files, or text listings of a radiosonde."""
 
 import csv
-import io
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -10,16 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from anser.config.errors import Problem, ScenarioError, problem_error, quoted_list
+from anser.config.tables import Table
 from anser.config.toml_text import read_text
+from anser.config.validation_messages import validation_problems
 from anser.environment.air import (
     AIR_GAS_CONSTANT_J_KG_K,
     CELSIUS_K,
+    STANDARD_LAYERS,
     VAPOUR_MOLAR_RATIO,
+    air_at_geopotential,
     geometric_altitude,
+    geopotential_altitude,
     vapour_pressure,
 )
+from anser.scenario.schema_environment import AirLevel, WindLayer
 from anser.units import KNOT_M_S
 
 _COLUMNS: dict[str, tuple[str, float, float]] = {
@@ -59,6 +65,11 @@ _EXPECTED = (
 )
 _HUMIDITY_MAX_PERCENT = 105.0
 """Greatest relative humidity that a radiosonde may measure in saturated air; counted as 100 %."""
+_DEW_POINT_MIN_C = -130.0
+_SUPERSATURATION_MAX_K = 2.0
+"""Greatest excess of a measured dew point over the temperature; counted as saturated air."""
+_PRESSURE_RATIO_RANGE = (0.5, 2.0)
+"""Range of the lowest level's pressure over the standard atmosphere's at its altitude; beyond, a unit is wrong."""
 _WIND_ALTITUDE_MAX_M = 30_000.0
 
 
@@ -94,14 +105,39 @@ def read_sounding(path: Path) -> MeasuredAir:
         if upper["altitude_m"] <= lower["altitude_m"]:
             arrived = f"altitude {upper['altitude_m']:g} m after {lower['altitude_m']:g} m"
             raise _line_error(source, row.line, arrived, "levels with rising altitudes")
+    _require_usual_pressure(levels[0], rows[0].line, source)
     winds = [_wind(row, level["altitude_m"], source) for row, level in zip(rows, levels, strict=True)]
+    for row, level, wind in zip(rows, levels, winds, strict=True):
+        _require_ranges(AirLevel, level, row.line, source)
+        if wind is not None:
+            _require_ranges(WindLayer, wind, row.line, source)
     return MeasuredAir(levels, [wind for wind in winds if wind is not None])
 
 
+def _require_ranges(table: type[Table], values: dict[str, float], line: int, source: str) -> None:
+    """Raise ScenarioError, with the line, if a value is out of the range of its key in a scenario file."""
+    try:
+        table.model_validate(values)
+    except ValidationError as error:
+        problem = validation_problems(error, table, values)[0]
+        raise _line_error(source, line, f"{problem.path} = {problem.arrived}", problem.expected) from None
+
+
+def _require_usual_pressure(level: dict[str, float], line: int, source: str) -> None:
+    altitude = float(geopotential_altitude(np.float64(level["altitude_m"])))
+    standard_hpa = 0.01 * float(air_at_geopotential(STANDARD_LAYERS, altitude).pressure)
+    low, high = (ratio * standard_hpa for ratio in _PRESSURE_RATIO_RANGE)
+    if not low <= level["pressure_hpa"] <= high:
+        arrived = f"{level['pressure_hpa']:g} hPa at {level['altitude_m']:g} m"
+        raise _line_error(
+            source, line, arrived, f"{low:.0f} to {high:.0f} hPa at this altitude, in the unit of the column"
+        )
+
+
 def _csv_rows(text: str, source: str) -> Iterator[_Row]:
-    reader = csv.reader(io.StringIO(text))
+    reader = csv.reader(text.splitlines(keepends=True), strict=True)
     names: list[str] | None = None
-    for cells in reader:
+    for cells in _records(reader, source):
         if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
             continue
         cells = [cell.strip() for cell in cells]
@@ -120,6 +156,14 @@ def _csv_rows(text: str, source: str) -> Iterator[_Row]:
             expected = f"{len(names)} cells: {', '.join(names)}"
             raise _line_error(source, reader.line_num, f"{len(cells)} cells", expected)
         yield _Row(reader.line_num, _converted(dict(zip(names, cells, strict=True)), source, reader.line_num))
+
+
+def _records(reader: Any, source: str) -> Iterator[list[str]]:
+    """Yield the records of a CSV reader; raises ScenarioError with the line if the text is not CSV."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise _line_error(source, reader.line_num, f"text that is no CSV ({error})", _EXPECTED) from None
 
 
 def _listing_rows(lines: Sequence[str], header: int, source: str) -> Iterator[_Row]:
@@ -184,6 +228,10 @@ def _level(row: _Row, source: str) -> dict[str, float]:
     humidity = values.get("humidity", 0.0)
     humidity = 100.0 if 100.0 < humidity <= _HUMIDITY_MAX_PERCENT else humidity
     if "dew point" in values:
+        if not _DEW_POINT_MIN_C <= values["dew point"] <= celsius + _SUPERSATURATION_MAX_K:
+            arrived = f"a dew point of {values['dew point']:g} deg C at {celsius:g} deg C"
+            expected = f"{_DEW_POINT_MIN_C:g} deg C to the temperature; dew_point_k for a dew point in kelvin"
+            raise _line_error(source, row.line, arrived, expected)
         humidity = min(100.0, 100.0 * float(vapour_pressure(values["dew point"] + CELSIUS_K)) / saturated)
     if pressure is None:
         lighter = (1.0 - VAPOUR_MOLAR_RATIO) * 0.01 * humidity * saturated
@@ -205,6 +253,8 @@ def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
     if (speed is None) != (direction is None) and speed != 0.0:
         arrived = "a wind without speed" if speed is None else "a wind without direction"
         raise _line_error(source, row.line, arrived, "wind speed and direction, or neither")
+    if speed is None and "vertical wind" in row.values:
+        raise _line_error(source, row.line, "a vertical wind without a wind speed", "a speed beside it, 0 for a calm")
     if speed is None or altitude_m > _WIND_ALTITUDE_MAX_M:
         return None
     return {

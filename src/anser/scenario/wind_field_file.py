@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from anser.config.errors import Problem, ScenarioError, os_error_reason
+from anser.config.errors import Problem, ScenarioError, describe_value, os_error_reason
 from anser.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -97,7 +97,9 @@ def file_digest(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        problem = Problem("", f"{path.name}: {os_error_reason(error)}", "a NetCDF file that can be read")
+        problem = Problem(
+            "", f"{describe_value(path.name)}: {os_error_reason(error)}", "a NetCDF file that can be read"
+        )
         raise ScenarioError(str(path), [problem]) from None
 
 
@@ -298,6 +300,9 @@ class _Reader:
         array = self._factor(coordinate, quantity) * np.asarray(values, dtype=float)
         if not np.all(np.isfinite(array)):
             raise self._refuse(f"missing values of the coordinate {name}", "a number at every node")
+        if role == "latitude" and np.max(np.abs(array)) > 90.0:
+            arrived = f"latitudes from {np.min(array):g} to {np.max(array):g} deg"
+            raise self._refuse(arrived, "latitudes within -90 to 90 deg")
         if role == "altitude" and coordinate.attrs.get("positive", "up") != "up":
             raise self._refuse(f"{name} that is positive {coordinate.attrs['positive']}", "altitudes, positive up")
         return array

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.motion import air_data_and_forces
 from anser.compiling.program import strongly_typed
@@ -27,6 +27,11 @@ class TrimmedFleet(eqx.Module):
     vehicles: tuple[VehicleState, ...]  # states at time 0, by aircraft group
     reports: AircraftReport  # leading axis aircraft
     performance: Performance  # greatest acceleration and deceleration along the path; leading axis aircraft
+
+    @property
+    def alphas(self) -> tuple[Float[Array, "..."], ...]:
+        """Angles of attack of the trim points, rad, an array for each aircraft group."""
+        return tuple(trim.alpha for trim in self.trims)
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
