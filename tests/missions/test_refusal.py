@@ -4,6 +4,7 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from anser.planning.certified.search import FleetTask, SearchOutcome
 from anser.planning.certified.task import ArrivalRequest
 from support.aircraft_tasks import aircraft_task, airspace
 
+_binding_constraint = refusal._binding_constraint  # as it is without the fixture below
 NAMES = ("alpha", "bravo", "charlie")
 WINDOWS = ArrivalRequest("windows", 600.0, windows_s=np.array([[90.0, 95.0]] * 3))
 AT = ArrivalRequest("at", 600.0, times_s=np.full(3, 92.0))
@@ -52,6 +54,37 @@ def test_an_aircraft_with_a_path_is_not_called_infeasible(request_):
         NAMES, make_fleet_task(request_), arrivals, make_outcome([True, True, True], [False, True, True]), []
     )
     assert '"alpha" cannot arrive' in message
+
+
+def test_a_time_a_little_outside_the_reachable_ones_is_refused_as_such():
+    arrivals = [[(60.0, 91.7), (92.3, 600.0)]] * 3
+    messages = refusal._infeasible_aircraft(NAMES, make_fleet_task(AT), arrivals, SearchOutcome(None, 3), [])
+    assert [message.split(";")[0] for message in messages] == [
+        f'aircraft "{name}" cannot arrive at 92.0 s' for name in NAMES
+    ]
+
+
+def test_a_prescribed_side_that_stands_in_the_way_is_named(monkeypatch):
+    fleet = make_fleet_task(AT)
+    left = eqx.tree_at(lambda t: t.side, fleet.tasks, np.array([0, -1, 0]))
+    searched = []
+
+    def search(_, tasks, *arguments):
+        searched.append(np.asarray(tasks.side).tolist())
+        return make_outcome([True, True, True], [False, True, True])
+
+    monkeypatch.setattr(refusal, "search", search)
+    text, keys = _binding_constraint(1, FleetTask(left, fleet.airspace, AT), 92.0, [])
+    assert text == ': the side of the detour (aircraft[1].bend) stands in the way; with "auto", a path exists'
+    assert keys == ("aircraft[1].bend",)
+    assert searched == [[0, 0, 0]]
+
+
+def test_the_separation_is_not_blamed_for_a_path_that_is_not_proved():
+    fleet, outcome = make_fleet_task(AT), make_outcome([True, True, True], [True, False, True])
+    reason = refusal._largest_feasible_separation(NAMES, fleet, outcome)
+    assert reason == 'no path was proved for "bravo" in 3 tries, though the time is within reach'
+    assert reason.aircraft == ("bravo",)
 
 
 def crowded_task(goals, moving):

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
+from anser.config.errors import quoted_list
 from anser.planning.certified.arrival_times import (
     arrival_conflicts,
     arrival_distances_max,
@@ -31,7 +32,6 @@ from anser.scenario.schema_aircraft import Aircraft
 _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the requested value to four times as much
 _MESSAGES_MAX = 3
 _BISECTIONS = 5
-_TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # greatest ratio to the preferred start at which a sequence counts as begun at the preferred start
 EXCESS_MEANINGFUL = 0.5
 """Relative excess over a limit above which an attempted path does not count as a path."""
@@ -314,11 +314,7 @@ def _infeasible_aircraft(
     """Return one reason for each aircraft that cannot meet the arrival request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
     # The search covers more than the arrival sets: an aircraft with a path from the search is not infeasible.
-    is_feasible = (
-        np.zeros(len(names), dtype=bool)
-        if best is None
-        else np.asarray(best.valid & best.certificate.satisfied_individually)
-    )
+    is_feasible = np.zeros(len(names), dtype=bool) if best is None else _proven_alone(best)
     for k, name in enumerate(names):
         if is_feasible[k]:
             continue
@@ -328,7 +324,7 @@ def _infeasible_aircraft(
             requested_s, keys = request.latest_s, ("timing.duration_s",)
         elif request.times_s is not None:
             requested_s = float(request.times_s[k])
-            if any(a - _TIME_TOLERANCE_S <= requested_s <= b + _TIME_TOLERANCE_S for a, b in intervals):
+            if any(a <= requested_s <= b for a, b in intervals):
                 continue
             refusal = f"cannot arrive at {requested_s:.1f} s"
             keys = ("arrival.time_s",) if request.rule == "at" else (f"aircraft[{k}].arrive_s",)
@@ -344,6 +340,11 @@ def _infeasible_aircraft(
         constraint, constraint_keys = _binding_constraint(k, fleet, requested_s, keep_outs)
         messages.append(Refusal(f'aircraft "{name}" {refusal}{constraint}{nearest}', [name], constraint_keys + keys))
     return messages
+
+
+def _proven_alone(attempt: CertifiedPlan) -> np.ndarray:
+    """Return for each aircraft whether its path in an attempt keeps its own limits, without regard to the others."""
+    return np.asarray(attempt.valid & attempt.certificate.satisfied_individually)
 
 
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
@@ -364,19 +365,32 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out
     return FleetTask(eqx.tree_at(lambda t: t.limits, fleet.tasks, limits), fleet.airspace, fleet.request)
 
 
+def _is_proven_without_side(aircraft: int, fleet: FleetTask) -> bool:
+    """Return whether a search finds a path of an aircraft for the request if no side of its detour is prescribed."""
+    sides = np.array(fleet.tasks.side)
+    sides[aircraft] = 0
+    outcome = search(0.0, eqx.tree_at(lambda t: t.side, fleet.tasks, sides), fleet.airspace, fleet.request)
+    best = outcome.best_attempt if outcome.plan is None else outcome.plan
+    return best is not None and bool(_proven_alone(best)[aircraft])
+
+
 def _binding_constraint(
     aircraft: int, fleet: FleetTask, requested_s: float, keep_outs: Sequence[str]
 ) -> tuple[str, tuple[str, ...]]:
     """Find the constraint to be relaxed least so that an aircraft, flying alone, can arrive at `requested_s` (s).
 
-    Returns a clause that names the constraint and its relaxation, and the scenario's keys of the constraint. If no
-    single constraint relaxed by a factor of up to 4 suffices, the clause says so, and the keys are ().
+    A prescribed side of the detour is relaxed first. Returns a clause that names the constraint and its relaxation, and
+    the scenario's keys of the constraint. If no single constraint relaxed by a factor of up to 4 suffices, the clause
+    says so, and the keys are ().
     """
     best: tuple[float, str] | None = None
 
     def has_path(task: FleetTask) -> bool:
         return bool(reachable(task.tasks, task.airspace, np.array([aircraft]), np.array([requested_s]))[0])
 
+    if np.asarray(fleet.tasks.side)[aircraft] and _is_proven_without_side(aircraft, fleet):
+        key = f"aircraft[{aircraft}].bend"
+        return f': the side of the detour ({key}) stands in the way; with "auto", a path exists', (key,)
     for constraint in (*RELAXED_TOGETHER, "keep-outs"):
         if constraint == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
             continue
@@ -431,13 +445,19 @@ def _no_common_time(
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:
     """Return a reason with the greatest separation for which a search finds a plan, in steps of 1/32 of the request."""
-    separation = fleet.airspace.separation
+    separation, best = fleet.airspace.separation, outcome.best_attempt
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
-    if horizontal == 0.0:
-        return Refusal(f"no plan was found in {outcome.attempts} tries, though each aircraft by itself has one")
+    unproven = [] if best is None else [names[k] for k in np.flatnonzero(~_proven_alone(best))]
+    subjects = unproven or names
+    text = (
+        f"no path was proved for {quoted_list(subjects)} in {outcome.attempts} tries, though the time is within reach"
+    )
+    not_proved = Refusal(text, subjects)
+    if horizontal == 0.0 or len(names) == 1:
+        return not_proved
     pair, pair_names = "", ()
-    if outcome.best_attempt is not None:
-        ratios = np.asarray(outcome.best_attempt.certificate.clearance_ratio)
+    if best is not None:
+        ratios = np.asarray(best.certificate.clearance_ratio)
         aircraft_a, aircraft_b = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
         pair_names = names[aircraft_a], names[aircraft_b]
         pair = f' ("{pair_names[0]}" and "{pair_names[1]}" are the closest)'
@@ -449,6 +469,8 @@ def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome
         airspace = eqx.tree_at(lambda a: a.separation, fleet.airspace, smaller)
         is_feasible = search(0.0, fleet.tasks, airspace, fleet.request, thorough=False).plan is not None
         low, high = (middle, high) if is_feasible else (low, middle)
+    if low == 0.0 and unproven:
+        return not_proved
     if low == 0.0:
         text = f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"
         return Refusal(text, pair_names, _SEPARATION_KEYS)

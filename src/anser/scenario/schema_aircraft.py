@@ -340,7 +340,9 @@ class Aircraft(AirspeedTable):
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = identifier("name of the goal to meet")
     bend: Literal["auto", "left", "right"] = Field(
-        default="auto", description="side of a detour, seen along the flight"
+        default="auto",
+        description="side of a detour, seen along the flight; of the certified planner's paths, detours and racetracks "
+        "alone have a side, and other paths are searched with auto only",
     )
     speed_m_s: float | None = true_airspeed_key("preferred true airspeed, instead of fleet.speed_m_s (certified)")
     speed_cas_m_s: float | None = CALIBRATED_AIRSPEED
