@@ -447,7 +447,7 @@ def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome
     """Return a reason with the greatest separation for which a search finds a plan, in steps of 1/32 of the request."""
     separation, best = fleet.airspace.separation, outcome.best_attempt
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
-    unproven = [] if best is None else [names[k] for k in np.flatnonzero(~_proven_alone(best))]
+    unproven = [] if best is None else [names[int(k)] for k in np.flatnonzero(~_proven_alone(best))]
     subjects = unproven or names
     text = (
         f"no path was proved for {quoted_list(subjects)} in {outcome.attempts} tries, though the time is within reach"
