@@ -211,7 +211,7 @@ def test_the_earliest_common_time_lies_in_an_interval_of_every_aircraft(arrivals
 
 def test_a_time_that_is_too_early_is_refused_with_the_earliest_possible():
     (message,) = refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 50.0)
-    assert message == "the earliest time at which all can arrive, each by itself, is 61.6 s"
+    assert message == "the earliest time found at which all can arrive, each by itself, is 61.6 s"
     assert message.keys == ("arrival.time_s",)
     assert refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 70.0) == ()
 

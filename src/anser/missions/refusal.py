@@ -181,7 +181,7 @@ def _later_common_time(arrival_intervals: Sequence[Intervals], requested_s: floa
     earliest_s = earliest_common_time(arrival_intervals, requested_s)
     if earliest_s is None or earliest_s <= requested_s:
         return ()
-    text = f"the earliest time at which all can arrive, each by itself, is {earliest_s:.1f} s"
+    text = f"the earliest time found at which all can arrive, each by itself, is {earliest_s:.1f} s"
     return (Refusal(text, (), ["arrival.time_s"]),)
 
 
@@ -336,7 +336,7 @@ def _infeasible_aircraft(
             keys = f"aircraft[{k}].arrive_from_s", f"aircraft[{k}].arrive_to_s"
         else:
             continue
-        nearest = f"; by itself it can {format_intervals(intervals)}" if intervals else ""
+        nearest = f"; by itself it can {format_intervals(intervals)} (coarse search)" if intervals else ""
         constraint, constraint_keys = _binding_constraint(k, fleet, requested_s, keep_outs)
         messages.append(Refusal(f'aircraft "{name}" {refusal}{constraint}{nearest}', [name], constraint_keys + keys))
     return messages
