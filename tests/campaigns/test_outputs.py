@@ -169,6 +169,21 @@ def test_outputs_that_the_fleet_does_not_have_are_refused(values, message, tmp_p
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"outputs": {"name": "bank"}}, "outputs: arrived a table; expected a list of dictionaries"),
+        ({"outputs": ["bank"]}, "outputs: arrived .*; expected a list of dictionaries"),
+        ({"processes": 0}, "processes: arrived 0; expected a whole number, 1 at least"),
+        ({"processes": "2"}, "processes: arrived '2'; expected a whole number"),
+    ],
+)
+def test_wrong_arguments_of_a_campaign_are_refused_before_its_folder_is_made(tmp_path, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        anser.campaign(STUDIES / "how-surely.toml", tmp_path / "out", **arguments)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_stopping_rule_names_an_output():
     until = {"statistic": "bank", "share": 0.5, "width": 1.0}
     rule = study_of(output=[BANK], until=until).until

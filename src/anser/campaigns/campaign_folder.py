@@ -18,12 +18,13 @@ from anser.campaigns.flights import (
     flight_scenario,
     fly_campaign,
 )
-from anser.campaigns.processes import choose_processes
+from anser.campaigns.processes import choose_processes, require_processes
 from anser.campaigns.replay import archive_worst
 from anser.campaigns.sensitivity import Influences, influences
 from anser.campaigns.store import CampaignStore, repair_base
 from anser.campaigns.store_integrity import refuse_existing
 from anser.campaigns.study import load_study, located_in, validate_study
+from anser.config.errors import Problem, ScenarioError, describe_value
 from anser.files import new_folder
 from anser.missions.batches import Progress, no_progress
 from anser.scenario.schema import Scenario
@@ -134,12 +135,15 @@ def campaign(
     ------
     ScenarioError
         The study or its scenario is invalid, or every flight makes an invalid scenario.
+    ValueError
+        `processes` is not a whole number from 1.
     StoreError
         The campaign to resume is missing, belongs to another study or version, or is being flown by another process; or
         the disk is full.
     FileExistsError
         The folder exists and `resume` is False.
     """
+    require_processes(processes)
     store = open_campaign_store(
         study, Path(out), resume=resume, precision=precision, user_parts=user_parts, outputs=outputs
     )
@@ -178,6 +182,9 @@ def open_campaign_store(
     values = requested.model_dump(mode="json", exclude_unset=True)
     if precision is not None:
         values["precision"] = precision
+    if isinstance(outputs, str | Mapping) or not all(isinstance(item, Mapping) for item in outputs):
+        expected = "a list of dictionaries with the keys of a table [[output]]"
+        raise ScenarioError(os.fspath(study), [Problem("outputs", describe_value(outputs), expected)])
     if outputs:
         values["output"] = [*values.get("output", ()), *map(dict, outputs)]
     if precision is not None or outputs:

@@ -85,6 +85,13 @@ def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
     return aircraft * _AIRCRAFT_BYTES + 8 * numbers
 
 
+def require_processes(processes: int | None) -> None:
+    """Raise ValueError unless a requested number of processes is None or a whole number, 1 at least."""
+    is_number = isinstance(processes, int) and not isinstance(processes, bool) and processes >= 1
+    if processes is not None and not is_number:
+        raise ValueError(f"processes: arrived {processes!r}; expected a whole number, 1 at least, or None")
+
+
 def choose_processes(
     processes: int | None,  # requested number; None for the limit
     limit: Callable[[], ProcessLimit],  # computes the machine's limit; called only if `processes` is None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.campaigns.processes import choose_processes, process_limit, worker_processes
+from anser.campaigns.processes import choose_processes, process_limit, require_processes, worker_processes
 from anser.campaigns.rare_flights import RareFlights, RareStore, fly_repetitions
 from anser.campaigns.store_integrity import refuse_existing
 from anser.campaigns.study import RareEventConfig, load_study, located_in
@@ -232,6 +232,8 @@ def rare(
     ------
     ScenarioError
         The study or its scenario is invalid, has no rare event, or every flight makes an invalid scenario.
+    ValueError
+        `processes` is not a whole number from 1.
     StoreError
         The analysis to resume is missing, belongs to another study or version, or is being flown by another process; or
         a process was killed.
@@ -240,6 +242,7 @@ def rare(
     """
     from anser.report.campaign_figures import draw_rare
 
+    require_processes(processes)
     store, report = open_rare_store(study, Path(out), resume=resume), progress or no_progress
     batch = RareFlights(store.study, store.scenario).batch
     processes = choose_processes(processes, lambda: process_limit(store.scenario, batch), report)
