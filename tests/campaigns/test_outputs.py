@@ -174,6 +174,7 @@ def test_outputs_that_the_fleet_does_not_have_are_refused(values, message, tmp_p
     [
         ({"outputs": {"name": "bank"}}, "outputs: arrived a table; expected a list of dictionaries"),
         ({"outputs": ["bank"]}, "outputs: arrived .*; expected a list of dictionaries"),
+        ({"outputs": 5}, "outputs: arrived 5; expected a list of dictionaries"),
         ({"processes": 0}, "processes: arrived 0; expected a whole number, 1 at least"),
         ({"processes": "2"}, "processes: arrived '2'; expected a whole number"),
     ],

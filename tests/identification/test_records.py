@@ -87,6 +87,7 @@ def refused(recording, *columns, **options):
         ("time_s,alpha_deg\n", "no row of numbers"),
         ("time_s,alpha_deg\n0,1,2,3\n1,2,3,4\n", "a row with more cells than the heading"),
         ("\0\xff" * 1000, "cannot be read as CSV"),
+        ("time_s," + "x" * 200_000 + "\n0,1\n", "field larger than field limit"),
     ],
 )
 def test_each_defect_of_a_csv_file_has_a_message(tmp_path, text, message):

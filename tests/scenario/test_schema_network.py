@@ -11,7 +11,7 @@ from anser.scenario import build_flight, loads
 from anser.scenario.build_aircraft import build_guidance, resolve_fleet
 from anser.scenario.build_planner import build_planner
 from anser.scenario.schema_checks import DECENTRALISED_AIRCRAFT_MAX as AIRCRAFT_MAX
-from anser.scenario.schema_settings import greatest_rate_range
+from anser.scenario.schema_settings import greatest_rate_range, rate_range_problems
 from scenario.test_schema_uncertain import TEXT
 
 ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')
@@ -116,3 +116,8 @@ def test_the_network_table_builds_a_decentralised_planner():
         300.0 + 10.0 + 80.0 + 0.5 * fastest
     )
     assert float(planner.aircraft_planner.airspace.separation.vertical) == 0.0
+
+
+def test_an_airspeed_beyond_its_limits_is_no_problem_of_the_clock_rate():
+    assert rate_range_problems(0.03, 0.1, -0.01) == []
+    assert [problem.path for problem in rate_range_problems(0.03, 0.1, 0.0)] == ["network.rate_range"]

@@ -182,7 +182,7 @@ def open_campaign_store(
     values = requested.model_dump(mode="json", exclude_unset=True)
     if precision is not None:
         values["precision"] = precision
-    if isinstance(outputs, str | Mapping) or not all(isinstance(item, Mapping) for item in outputs):
+    if not isinstance(outputs, Sequence) or not all(isinstance(item, Mapping) for item in outputs):
         expected = "a list of dictionaries with the keys of a table [[output]]"
         raise ScenarioError(os.fspath(study), [Problem("outputs", describe_value(outputs), expected)])
     if outputs:

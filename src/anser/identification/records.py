@@ -283,7 +283,7 @@ def _read_file(path: Path) -> pd.DataFrame | xr.Dataset:
         return read_netcdf(path) if path.suffix == ".nc" else _read_csv(path)
     except DamagedFileError as error:
         raise ValueError(str(error)) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         arrived = f"a file that cannot be read as CSV ({str(error)!r:.200})"
         raise ValueError(f"{path}: arrived {arrived}; expected columns") from None
 

@@ -306,7 +306,7 @@ class Network(Table):
 
 def rate_range_problems(rate_range: float, reserve: float, greatest: float) -> list[Problem]:
     """Refuse a `rate_range` above the `greatest` one that the reserve of the plan allows (`fleet.reserve`)."""
-    if rate_range <= greatest or greatest <= 0.0:  # 0: an airspeed at a limit, which is refused itself
+    if rate_range <= greatest or greatest < 0.0:  # below 0: an airspeed beyond its limits, which is refused itself
         return []
     expected = (
         f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = {format_number(reserve)} "
