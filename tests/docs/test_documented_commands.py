@@ -68,7 +68,7 @@ COVERED = {
     ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
     # tested with the F-16, its steps and climb-and-turn in tests/analysis/test_step_cases.py
-    "anser gallery --aircraft my-aircraft.toml --out gallery": (
+    "anser gallery --aircraft my-aircraft.toml --out my-gallery": (
         "tests/test_cli_step.py",
         'anser("gallery", "--out", out)',
     ),

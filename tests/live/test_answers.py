@@ -2,7 +2,8 @@
 
 import pytest
 
-from anser.live.answers import _separation_entry
+import anser
+from anser.live.answers import _separation_entry, make_answer
 from support.plan_case import plan_case
 
 
@@ -20,3 +21,9 @@ def test_the_closest_pair_has_its_distances_in_the_plane_and_in_altitude(separat
     entry = _separation_entry(details.scenario, samples)
     assert entry["pair"] == ["anna", "bert"]
     assert (entry["required_m"], entry["distances_m"], entry["is_met"]) == (required_m, distances_m, is_met)
+
+
+def test_a_plan_of_the_published_planner_is_not_certified():
+    answer, planned = make_answer(anser.load("scenarios/single-aircraft.toml"), lambda text: None)
+    assert planned.problems() == ()
+    assert (answer["status"], answer["certified"]) == ("planned", False)

@@ -126,6 +126,16 @@ def test_a_refusal_is_drawn_and_leads_to_the_input(page):
     assert page.run("document.getElementById('fly').disabled") is False
 
 
+def test_a_plan_of_the_published_planner_is_not_called_certified(page):
+    answered(page)
+    assert page.run("document.querySelector('#answer .head').textContent") == "Certified plan"
+    page.run("live._take({ ...live.answer, certified: false }), live.drawNow()")  # as the server says it
+    assert page.run("document.querySelector('#answer .head').textContent") == "Plan, not certified"
+    assert page.run("document.querySelector('#answer .answer').className") == "answer mixed"
+    page.run("live._take({ ...live.answer, certified: true }), live.drawNow()")
+    assert page.run("document.querySelector('#answer .answer').className") == "answer good"
+
+
 def test_an_answer_that_waits_for_the_newer_scenario_is_grey_and_says_so(page):
     answered(page)
     look = "[getComputedStyle(document.querySelector('#answer > .waits')).display,"

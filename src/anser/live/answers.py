@@ -54,6 +54,7 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
     is_flyable = not planned.problems()
     answer: Answer = {
         "status": "planned" if is_flyable else "refused",
+        "certified": isinstance(planned, CertifiedFirstPlan),  # whether the planner proves limits and separation
         "problems": [],
         "notes": list(planned.notes()),
         "rule": scenario.arrival.rule,

@@ -6,6 +6,11 @@ const BARS_SHOWN = 10;
 const utilizationOf = ({ utilization, bound }) => utilization ?? (bound === null ? NaN : Infinity);
 const HEADS = { planned: "Certified plan", refused: "No certified plan", invalid: "Not a valid scenario", searching: "No certified plan so far" };
 
+/** Heads of the answers of a planner that proves nothing. */
+const UNPROVEN_HEADS = { planned: "Plan, not certified", refused: "No plan" };
+/** Whether the planner of an answer proves limits, separation and keep-outs; recorded answers without the entry do. */
+const isProven = (answer) => answer?.certified !== false;
+
 class AnswerPanel {
   constructor(place, page) {
     Object.assign(this, { place, page });
@@ -15,10 +20,12 @@ class AnswerPanel {
   draw() {
     const { answer, problems, invalid, searching } = this.page, status = invalid ? "invalid" : searching ? "searching" : answer?.status;
     if (!status) return;
-    const box = element("div", `answer ${status === "planned" ? "good" : status === "refused" ? "bad" : "mixed"}`), spoken = HEADS[status];
+    const proven = isProven(answer), isGood = status === "planned" && proven;
+    const box = element("div", `answer ${isGood ? "good" : status === "refused" ? "bad" : "mixed"}`), spoken = (proven ? null : UNPROVEN_HEADS[status]) ?? HEADS[status];
     box.append(element("p", "head", spoken), ...problems.map((problem) => this._problem(problem)));
     if (searching) box.append(element("p", "note", "Further kinds of paths are being tried."));
     else for (const note of answer?.notes || []) box.append(element("p", "note", note));
+    if (status === "planned" && !proven) box.append(element("p", "note", "The limits are kept at samples; this planner plans no separation and no keep-outs."));
     if (status === "planned") {
       const first = answer.first_s, last = answer.last_s;
       box.append(element("p", "note", Math.abs(last - first) < 0.005 ? `All arrive at ${printed(first, 2)} s.` : `Arrivals from ${printed(first, 2)} s to ${printed(last, 2)} s.`));
@@ -36,7 +43,7 @@ class AnswerPanel {
   /** What the lines of a refusal are, in words. */
   _lines({ aircraft, drawn }) {
     const hidden = aircraft.filter((one) => one.drawn === false).map((one) => one.name);
-    return [drawn.length ? "Dashed: the best attempt, not proven." : "", hidden.length ? `No attempt of ${hidden.join(", ")} is near its limits; none is drawn.` : "", this.page.certified ? "Faint: the last certified plan." : ""].filter(Boolean).join(" ");
+    return [drawn.length ? "Dashed: the best attempt, not proven." : "", hidden.length ? `No attempt of ${hidden.join(", ")} is near its limits; none is drawn.` : "", this.page.certified ? `Faint: the last ${isProven(this.page.certified) ? "certified plan" : "plan"}.` : ""].filter(Boolean).join(" ");
   }
 
   /** A sentence, followed by links to the inputs that it is about. */

@@ -308,7 +308,7 @@ class LivePage {
     document.getElementById("name").textContent = `${scenario.name ?? "not saved"}${scenario.changed ? " *" : ""}`;
     const reason = this._whyNotFly(), fly = document.getElementById("fly");
     fly.disabled = reason !== "";
-    fly.title = reason || (this.flights.number ? "Stop the flight" : "Fly the certified plan");
+    fly.title = reason || (this.flights.number ? "Stop the flight" : "Fly the plan");
     this._wait();
   }
 
@@ -319,7 +319,7 @@ class LivePage {
     if (this.invalid) return "The scenario is not valid: the answer says why.";
     if (this.searching) return "No certified plan so far.";
     if (!this.answer) return "The first plan is being made.";
-    return this.answer.status === "planned" ? "" : "No certified plan: the answer says why.";
+    return this.answer.status === "planned" ? "" : (isProven(this.answer) ? "No certified plan: the answer says why." : "No plan: the answer says why.");
   }
 
   _wait() {

@@ -202,9 +202,9 @@ class LiveMap {
   /** Signs of the lines on the map, if there are others than certified plans. */
   _legend() {
     const { page, legend } = this, { answer } = page, played = page.flight !== null && page.playedTime !== null, rows = [];
-    if (answer?.status === "planned" && played) rows.push(["track", "certified plan"]);
+    if (answer?.status === "planned" && played) rows.push(["track", isProven(answer) ? "certified plan" : "plan"]);
     if (answer?.status === "refused" && answer.drawn.length) rows.push(["track unproven", "refused: best attempt"]);
-    if (answer?.status === "refused" && page.certified) rows.push(["ghost", "last certified plan"]);
+    if (answer?.status === "refused" && page.certified) rows.push(["ghost", isProven(page.certified) ? "last certified plan" : "last plan"]);
     if (played) rows.push([page.flights.outdated ? "flown outdated" : "flown", page.flights.outdated ? "flown: the scenario before the change" : "flown"]);
     const key = JSON.stringify(rows);
     if (key === this.legendKey) return;
