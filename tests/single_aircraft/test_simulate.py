@@ -18,7 +18,7 @@ from anser.compiling import program
 from anser.config.errors import ScenarioError
 from anser.control import InversionAutopilot, LoopCommand, default_limits, published_gains
 from anser.environment import SteadyWind, standard_environment
-from anser.parts import AbstractController, AbstractSensors
+from anser.parts import AbstractController, AbstractGuidance, AbstractSensors
 from anser.results.netcdf import read_netcdf
 from anser.sensing import IdealSensors
 from anser.simulation.open_loop import PrescribedCommand
@@ -418,9 +418,18 @@ class CountedInWholeNumbers(AbstractController):
         return Controls(belief.state.surfaces, 0.1 * state), None, state + step
 
 
+class CommandAlone(AbstractGuidance):
+    def command(self, guidance_state, belief, plan, instant):
+        return belief.state.position_n
+
+
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
+        (
+            {"command": CommandAlone()},
+            r"CommandAlone.command: arrived an array .*; expected \(command, reference_n, state\)",
+        ),
         ({"controller": CountedInWholeNumbers()}, r"control: arrived the state .* float64.*; expected .* int64"),
         ({"sensors": Pitot}, "sensors: arrived the class Pitot; expected an object of a subclass"),
         ({"sensors": "nowhere:Ideal"}, "sensors: arrived \"nowhere:Ideal\" \\(No module named 'nowhere'\\)"),

@@ -235,10 +235,13 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     if "estimator" in kinds and not isinstance(belief, Belief):
         expected = "an anser.parts.Belief first"
         raise part_error("estimator", vehicle.estimator, "estimate", _described(belief), expected)
-    trace("guidance", "init", belief, instant)  # its command needs a plan, which exists only in flight
-    state = trace("controller", "init", start, jax.ShapeDtypeStruct((3,), float))
+    state = trace("guidance", "init", belief, instant)
     scalar: Any = jax.ShapeDtypeStruct((), float)
     command = PathCommand(scalar, scalar, scalar, scalar, scalar, scalar)
+    if vehicle.mission is None:  # with a mission, the guidance needs a plan, which exists only in flight
+        returns = "(command, reference_n, state)"
+        command, *_ = trace("guidance", "command", state, belief, None, instant, returns=returns)
+    state = trace("controller", "init", start, jax.ShapeDtypeStruct((3,), float))
     returns = "(controls, signals, state)"
     controls, signals, _ = trace("controller", "control", state, belief, command, instant.step, returns=returns)
     arrived, count = _described(controls), len(airframe.actuators.names)
