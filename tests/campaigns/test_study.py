@@ -190,21 +190,16 @@ def test_a_table_gives_the_values(tmp_path):
     assert values["fleet.planner"].tolist() == ["published", "certified"]
     (tmp_path / "values.csv").write_text("aircraft[0].aerodynamics_known\nTRUE\nFALSE\n")  # as spreadsheets write them
     assert load_study(tmp_path / "study.toml")[2]["aircraft[0].aerodynamics_known"].tolist() == [True, False]
-    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
-    with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
-        load_study(tmp_path / "study.toml")
-    (tmp_path / "values.csv").write_text("wind.speed_m_s\n\n0.5\n\nnan\n")
-    with pytest.raises(ScenarioError, match=r"row 5, column wind\.speed_m_s: arrived nan; expected a finite number"):
-        load_study(tmp_path / "study.toml")
-    (tmp_path / "values.csv").write_text('wind.speed_m_s\n"1\n2\n')
-    with pytest.raises(ScenarioError, match="a table that is no CSV"):
-        load_study(tmp_path / "study.toml")
-    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5\nfast\n")
-    with pytest.raises(ScenarioError, match=r'row 3, column wind\.speed_m_s: arrived "fast"; expected a number'):
-        load_study(tmp_path / "study.toml")
-    (tmp_path / "values.csv").write_text("seed\n1\n")
-    with pytest.raises(ScenarioError, match="another path: the study's seed"):
-        load_study(tmp_path / "study.toml")
+    for table, message in (
+        ("wind.speed_m_s\n0.5,1\n", "row 2: arrived 2 values; expected 1"),
+        ("wind.speed_m_s\n\n0.5\n\nnan\n", r"row 5, column wind\.speed_m_s: arrived nan; expected a finite number"),
+        ('wind.speed_m_s\n"1\n2\n', "a table that is no CSV"),
+        ("wind.speed_m_s\n0.5\nfast\n", r'row 3, column wind\.speed_m_s: arrived "fast"; expected a number'),
+        ("seed\n1\n", "another path: the study's seed"),
+    ):
+        (tmp_path / "values.csv").write_text(table)
+        with pytest.raises(ScenarioError, match=message):
+            load_study(tmp_path / "study.toml")
 
 
 def test_integer_parameters_stay_integers():

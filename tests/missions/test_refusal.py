@@ -114,7 +114,8 @@ def test_conflicting_rendezvous_points_are_named_with_their_distances():
 
 
 def test_missing_holds_are_reported_without_padding_aircraft():
-    scenario = SimpleNamespace(aircraft=[SimpleNamespace(name=name) for name in NAMES])
+    rendezvous = SimpleNamespace(path_angle_deg=-3.0)
+    scenario = SimpleNamespace(aircraft=[SimpleNamespace(name=name, rendezvous=rendezvous) for name in NAMES])
     fleet = SimpleNamespace(active=np.array([True, True, True]))
     ratios = np.full((4, 4), np.inf)
     ratios[0, 1] = ratios[1, 0] = 0.4
@@ -128,7 +129,11 @@ def test_missing_holds_are_reported_without_padding_aircraft():
     assert messages[1].endswith("altitude and off its goal; a greater stand-off of its rendezvous may help")
     holds.keep_out_clearance[2] = -20.0
     message = refusal.diagnose_missing_holds(scenario, fleet, holds)[1]
-    assert "off its goal and out of the keep-outs; a greater stand-off of its rendezvous, or one farther" in message
+    assert "off its goal and out of the keep-outs; a greater stand-off of its rendezvous or a rendezvous" in message
+    rendezvous.path_angle_deg = None
+    message = refusal.diagnose_missing_holds(scenario, fleet, holds)[1]
+    assert message.endswith("or a level arrival (rendezvous.path_angle_deg = 0) may help")
+    assert message.keys[-1] == "aircraft[2].rendezvous.path_angle_deg"
 
 
 def sequence_case():

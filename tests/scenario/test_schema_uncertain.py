@@ -140,7 +140,12 @@ SINES = 'inputs = ["elevator", "rudder"]\nsignal = "multisine"\nduration_s = 10.
         (
             event('kind = "arrival-put-off"\nlater_s = 5.0').replace("30.0", "300.0"),
             "event[0].time_s",
-            "end of the flight",
+            "last step of the flight",
+        ),
+        (
+            event('kind = "arrival-put-off"\nlater_s = 5.0').replace("30.0", "199.994"),
+            "event[0].time_s",
+            "last step of the flight",
         ),
         (
             event('kind = "aircraft-leaves"\naircraft = "alpha"')

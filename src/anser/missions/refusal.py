@@ -244,12 +244,18 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
         if ratios[k, nearest] >= 1.0:
             # The clearance belongs to one circle; a keep-out need not be the cause of all refusals.
             has_keep_outs = np.isfinite(np.asarray(holds.keep_out_clearance)[k]).any()
+            # A path whose angle at the arrival is free may arrive in a dive, which no hold can follow.
+            is_free = scenario.aircraft[k].rendezvous.path_angle_deg is None
+            remedies = ["a greater stand-off of its rendezvous"]
+            remedies += ["a rendezvous farther from them"] if has_keep_outs else []
+            remedies += ["a level arrival (rendezvous.path_angle_deg = 0)"] if is_free else []
             text = (
                 f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude'
-                f"{', off its goal and out of the keep-outs' if has_keep_outs else ' and off its goal'}; a greater "
-                f"stand-off of its rendezvous{', or one farther from them,' if has_keep_outs else ''} may help"
+                f"{', off its goal and out of the keep-outs' if has_keep_outs else ' and off its goal'}; "
+                f"{' or '.join(remedies)} may help"
             )
-            messages.append(Refusal(text, [names[k]], ["hold.radius_m", "limits.altitude_min_m"]))
+            keys = [f"aircraft[{k}].rendezvous.path_angle_deg"] if is_free else []
+            messages.append(Refusal(text, [names[k]], ["hold.radius_m", "limits.altitude_min_m", *keys]))
         elif k < nearest or ratios[nearest, k] >= 1.0:
             text = (
                 f'"{names[k]}" and "{names[nearest]}" can arrive, but no holds afterwards keep them apart until the '

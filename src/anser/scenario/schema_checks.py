@@ -351,7 +351,7 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
     Impossible events are a second event of a kind in `_ONCE`, a loss of thrust or sensor after the aircraft has left,
     and a change of a surface or engine that the aircraft does not have.
     """
-    events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
+    events, duration_s, step_s, problems = scenario.event, scenario.timing.duration_s, scenario.timing.step_s, []
     if scenario.planned_events and scenario.fleet.planner == "published":
         expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
         return [Problem("event", f'{len(scenario.planned_events)} with fleet.planner = "published"', expected)]
@@ -363,8 +363,9 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
             if name not in (None, *names):
                 expected = f"the name of {kind} of this scenario ({quoted_list(names)})"
                 problems.append(Problem(f"{path}.{key}", f'"{name}"', expected))
-        if event.time_s >= duration_s:
-            expected = f"a time before the end of the flight, timing.duration_s = {format_number(duration_s)} s"
+        # an event takes effect at the first sample at or after its time
+        if math.ceil(round(event.time_s / step_s, 6)) >= round(duration_s / step_s):
+            expected = f"a time before the last step of the flight, timing.duration_s = {format_number(duration_s)} s"
             problems.append(Problem(f"{path}.time_s", format_number(event.time_s), expected))
         if event.kind in _ONCE and event.aircraft is not None:
             verb, expected = _ONCE[event.kind]
