@@ -4,10 +4,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from anser.aircraft_files.sources import read_airframe, write_airframe_starter
 from anser.report.flight_page import verdict_html
-from anser.results.separation import is_judged_by_separation, proximity_warning, separation_attributes
+from anser.results.arrival import least_distance
+from anser.results.separation import (
+    is_judged_by_separation,
+    least_separation,
+    proximity_warning,
+    separation_attributes,
+)
 from anser.results.summary_format import format_summary
 from anser.scenario.cautions import find_cautions
 from support.made_flight import make_flight
@@ -39,6 +48,20 @@ def test_a_single_aircraft_has_no_separation_attributes():
     single = made_scenario(["anna"], ["buoy"])
     assert separation_attributes(single) == {}
     assert not any(caution.startswith("separation: ") for caution in find_cautions(single))
+
+
+SHAPES = st.tuples(st.integers(2, 8), st.integers(3, 6), st.just(3))
+
+
+@given(SHAPES.flatmap(lambda shape: arrays(float, shape, elements=st.floats(-1e4, 1e4))), st.booleans())
+def test_the_least_separation_of_a_fleet_is_that_of_its_nearest_pair(positions, has_gap):
+    if has_gap:
+        positions[0, 1] = np.nan
+    history = dict(zip(("north", "east", "altitude"), np.moveaxis(positions, -1, 0), strict=True))
+    first, second = np.triu_indices(positions.shape[1], 1)
+    np.testing.assert_array_equal(
+        least_separation(history), np.nanmin(least_distance(positions[:, first] - positions[:, second]))
+    )
 
 
 def test_close_flights_are_counted_with_the_least_distance():

@@ -88,3 +88,21 @@ def test_packed_rows_are_the_same_rows_with_their_types():
     start = jnp.zeros(2), jnp.asarray(7, dtype=jnp.int32), COUNT, Signals(), None
     with pytest.raises(ValueError, match="packed_rows"):
         scan_steps(advance, *start, None, packed_rows=True)
+
+
+def test_steps_end_after_a_final_state():
+    def advance(state, number):
+        return state + number, state, SimpleNamespace(number=number)
+
+    def run(active):
+        arguments = jnp.zeros(2), jnp.asarray(7, dtype=jnp.int32), COUNT, Signals(), None, jnp.asarray(active)
+        # the state is 30 or more after four steps: 7 + 8 + 9 + 10
+        return jax.jit(lambda: scan_steps(advance, *arguments, True, lambda state: jnp.any(state >= 30.0)))()
+
+    final, _, packed = run(13)
+    np.testing.assert_array_equal(final, [34.0, 34.0])
+    np.testing.assert_array_equal(packed.unpacked()["speed"][:4, 0], [0.0, 3.5, 7.5, 12.0])
+    np.testing.assert_array_equal(run(3)[0], [24.0, 24.0])
+    arguments = advance, jnp.zeros(2), jnp.asarray(7, dtype=jnp.int32), COUNT, Signals(), None, jnp.asarray(13)
+    with pytest.raises(ValueError, match="is_final"):
+        scan_steps(*arguments, is_final=lambda state: state[0] > 0.0)

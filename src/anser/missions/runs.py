@@ -8,6 +8,7 @@ import os
 import threading
 import time as clock
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.plans import plan, plan_for_flight
 from anser.missions.saved_flights import FLIGHT, SUMMARY, SavedFlight
 from anser.missions.segments import fly_with_replanning, prepare_flight, start_replanning_programs
-from anser.numerics.arrays import cast_to_precision
 from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
 from anser.scenario.schema import Scenario
@@ -143,9 +143,11 @@ class FlightResult(SavedFlight):
         from anser.results.summary import write_summary
 
         flight, summary, report = (folder / name for name in _RESULT_FILES)
-        write_netcdf(self.dataset, flight)
-        write_summary(self.summary, summary)
-        self.report(report)
+        with ThreadPoolExecutor(1) as second_core:  # the compression of the flight leaves a core to the report
+            written_flight = second_core.submit(write_netcdf, self.dataset, flight)
+            write_summary(self.summary, summary)
+            self.report(report)
+            written_flight.result()
 
 
 def run(
@@ -210,22 +212,22 @@ def run(
     # While the compiled steps leave a core free. No daemon: the interpreter must not end within an import.
     threading.Thread(target=_import_results, name="anser-imports").start()
     on_progress("flying", 0.0)
-    segments, sample_index = [], 0
+    history: dict[str, np.ndarray] = {}
+    sample_index = 0
     schedule = EventSchedule(scenario, lambda message: on_progress(message, None), planned.fleet.performance)
     while sample_index <= steps:
         flight, state = schedule.apply_due(flight, state, sample_index)
         step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
-        final_state, history = fly_with_replanning(flight, state, sample_index, step_count)
-        segment_times_s = np.arange(sample_index, sample_index + step_count) * timing.step_s
+        final_state, rows = fly_with_replanning(flight, state, sample_index, step_count)
+        segment = slice(sample_index, sample_index + step_count)
+        _store_rows(history, rows, segment, (steps + 1, len(scenario.aircraft)))
         sample_index += step_count
         state = schedule.check_replanning(flight, final_state, sample_index)
-        selection = slice(None), slice(len(scenario.aircraft))
-        segments.append(
-            {key: np.asarray(values)[selection] for key, values in cast_to_precision(history, float).items()}
+        on_segment(
+            np.arange(segment.start, segment.stop) * timing.step_s,
+            {key: values[segment] for key, values in history.items()},
         )
-        on_segment(segment_times_s, segments[-1])
         on_progress("flying", min(sample_index / (steps + 1), 1.0))
-    history = {key: np.concatenate([partial[key] for partial in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - start_time
     on_progress("summing up", None)
@@ -253,6 +255,20 @@ def run(
         atmosphere_layers(planned.flight.environment.atmosphere),
     )
     return FlightResult(dataset, summary, scenario, planned)
+
+
+def _store_rows(
+    history: dict[str, np.ndarray],  # record of the flight by key; the arrays are made with the first segment
+    rows: dict[str, np.ndarray],  # rows of a segment by key, (step, aircraft), padding aircraft included
+    segment: slice,  # samples of the segment
+    shape: tuple[int, int],  # number of samples and of aircraft of the flight
+) -> None:
+    """Store the rows of a segment in the record of a flight; real numbers are stored in double precision."""
+    for key, values in rows.items():
+        if key not in history:
+            dtype = np.float64 if values.dtype.kind == "f" else values.dtype
+            history[key] = np.empty((*shape, *values.shape[2:]), dtype)
+        history[key][segment] = values[:, : shape[1]]
 
 
 def _attributes(scenario: Scenario) -> dict[str, Any]:

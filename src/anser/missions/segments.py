@@ -65,6 +65,8 @@ def fly_with_replanning(
             next_state = replan_stopped_flight(flight, next_state, reached)
         parts.append(rows)
         state, sample = next_state, reached
+    if len(parts) == 1:
+        return state, parts[0]
     return state, {key: np.concatenate([rows[key] for rows in parts]) for key in parts[0]}
 
 

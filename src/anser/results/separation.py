@@ -8,6 +8,7 @@ import numpy as np
 
 from anser.aircraft_files.library import span_of
 from anser.planning.separation import keep_out_room, separation_ratio
+from anser.results.arrival import least_distance
 from anser.scenario.build_aircraft import build_airframe_of
 from anser.scenario.schema import Scenario
 
@@ -81,6 +82,27 @@ def nearest_aircraft_distance(
         nearest[:, index] = np.minimum(nearest[:, index], distance.min(axis=1))
         nearest[:, later] = np.minimum(nearest[:, later], distance)
     return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def least_separation(history: Mapping[str, np.ndarray]) -> float | None:
+    """Return the least distance between two aircraft over a record, m, with linear motion between samples.
+
+    `history` has the positions, arrays (time, aircraft) by key. The distance is None for a single aircraft, and NaN if
+    no pair has two consecutive finite samples.
+    """
+    positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
+    if positions.shape[1] > 2 and np.isfinite(positions).all():
+        # Between two samples, a distance falls below its values at both samples by at most the longest motion of an
+        # aircraft in a step. A pair that stays farther apart than that cannot have the least distance.
+        nearest = nearest_aircraft_distance(positions).min(axis=0)
+        motion_max = np.linalg.norm(np.diff(positions, axis=0), axis=-1).max()
+        positions = positions[:, nearest <= nearest.min() + motion_max]
+    # one aircraft at a time: the memory of all pairs would grow with the square of the fleet
+    pairs = [least_distance(positions[:, i + 1 :] - positions[:, i : i + 1]) for i in range(positions.shape[1] - 1)]
+    if not pairs:
+        return None
+    least = np.concatenate(pairs)
+    return float(np.nanmin(least)) if np.isfinite(least).any() else np.nan
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:

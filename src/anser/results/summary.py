@@ -11,12 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from anser.files import write_file
 from anser.planning.limits import NOMINAL_BEND_M
-from anser.results.arrival import closest_approach, least_distance, summarize_arrivals
+from anser.results.arrival import closest_approach, summarize_arrivals
 from anser.results.checksums import add_checksum, damaged_file_error, read_document
 from anser.results.documents import finite_or_none, software_versions
 from anser.results.faults import find_fault
 from anser.results.flight_rows import build_flight_row
-from anser.results.separation import least_keep_out_room, minimum_separation_ratio
+from anser.results.separation import least_keep_out_room, least_separation, minimum_separation_ratio
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import HOLD, LEFT_FLEET, is_off_plan
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S, AirspeedStatistics, FleetSummary
@@ -172,7 +172,7 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
-    fleet["separation_min"] = _least_separation(history)
+    fleet["separation_min"] = least_separation(history)
     separation_m = scenario.separation.required_m
     fleet["separation_ratio_min"] = None if separation_m is None else minimum_separation_ratio(history, separation_m)
     fleet["keep_out_room_min"] = least_keep_out_room(time, history, scenario)
@@ -278,17 +278,6 @@ def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> Air
     if speeds.size:
         statistics = np.trapezoid(speeds, times), np.min(speeds), np.max(speeds)
     return AirspeedStatistics(*statistics)
-
-
-def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
-    """Return the least distance between two aircraft over the record, m, with linear motion between samples.
-
-    None for a single aircraft; NaN if no pair has two consecutive finite samples.
-    """
-    position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
-    # One aircraft at a time: the memory of all pairs would grow with the square of the fleet.
-    pairs = [least_distance(position[:, i + 1 :] - position[:, i : i + 1]) for i in range(position.shape[1] - 1)]
-    return _finite_extreme(np.min, np.concatenate(pairs)) if pairs else None
 
 
 def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float:

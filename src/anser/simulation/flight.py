@@ -381,8 +381,9 @@ def fly(
     active_steps
         Number of steps to fly; recorder outputs of later steps have no meaning. None: `count`.
     packed_rows
-        True: the recorder's outputs are returned in one array, `PackedRows`. Requires `active_steps`, and a recorder
-        with an output at every step.
+        True: the recorder's outputs are returned in one array, `PackedRows`, and the flight ends after the step at
+        which `FlightState.replan_sample` changes, because the planner needs a new plan. Requires `active_steps`, and a
+        recorder with an output at every step.
 
     Returns
     -------
@@ -395,7 +396,10 @@ def fly(
         return step_fleet(flight, flight_state, number, one_kernel=one_kernel)
 
     first = jnp.asarray(first_step, dtype=jnp.int32)
-    return scan_steps(advance_step, state, first, count, recorder, recorder_state, active_steps, packed_rows)
+    return scan_steps(
+        *(advance_step, state, first, count, recorder, recorder_state, active_steps, packed_rows),
+        is_final=(lambda flown: flown.replan_sample != state.replan_sample) if packed_rows else None,
+    )
 
 
 Precision = Literal["float64", "float32"]

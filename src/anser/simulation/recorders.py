@@ -21,7 +21,7 @@ from anser.parts.controllers import signal_variables
 from anser.parts.paths import polar
 from anser.parts.perception import Belief, GoalState, Instant, Truth, Uncertainty
 from anser.parts.planners import AircraftPlan, NetworkView
-from anser.shapes import Integer, Vector3
+from anser.shapes import Flag, Integer, Vector3
 from anser.spatial.rotations import euler_from_quaternion, rotate, rotate_back, safe_hypot, safe_norm
 from anser.spatial.vectors import safe_sqrt
 from anser.spatial.wind_axes import bank_about_velocity, path_angles
@@ -332,6 +332,8 @@ def scan_steps(
     active_steps: Integer | None = None,
     # True: the rows, dictionaries of arrays, are returned as `PackedRows`. Requires `active_steps` and a stride of 1
     packed_rows: bool = False,
+    # True for a state after which no more steps are run; rows of later steps have no meaning. Requires `packed_rows`
+    is_final: Callable[[Any], Flag] | None = None,
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop; return the last state, the recorder's state, and the stacked rows.
 
@@ -343,6 +345,8 @@ def scan_steps(
         raise ValueError(f"a row every {stride} samples does not fit a flight of {count} samples")
     if packed_rows and (active_steps is None or stride != 1):
         raise ValueError("packed_rows: expected active_steps and a recorder of a row at every step")
+    if is_final is not None and not packed_rows:
+        raise ValueError("is_final: expected packed_rows")  # of a batch, the condition would select every array
 
     def step(carry: tuple[Any, Any], number: Integer) -> tuple[tuple[Any, Any], Any]:
         state, recorder_state = carry
@@ -366,7 +370,10 @@ def scan_steps(
                 # One array per row: a conditional copies each of its results.
                 return next_carry, ravel_pytree(row)[0]
 
-            return jax.lax.cond(number < first_sample + active_steps, packed_step, lambda: (carry, empty))
+            is_active = number < first_sample + active_steps
+            if is_final is not None:
+                is_active &= ~is_final(carry[0])
+            return jax.lax.cond(is_active, packed_step, lambda: (carry, empty))
 
         states, rows = jax.lax.scan(step_if_active, (state, recorder_state), numbers)
         if packed_rows:
