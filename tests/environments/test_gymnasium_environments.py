@@ -305,6 +305,9 @@ def test_recorded_episodes_are_datasets_of_minari(single, tmp_path, monkeypatch)
     of_fleet = dataclasses.replace(episodes[0], observations=np.zeros((3, 2, 5)))
     with pytest.raises(ValueError, match="episodes: arrived those of a fleet; expected episodes of an environment"):
         save_minari("anser/short/fleet-v0", [of_fleet])
+    diverged = dataclasses.replace(episodes[0], rewards=np.full_like(episodes[0].rewards, np.nan))
+    with pytest.raises(ValueError, match=r"episodes\[1\]: arrived numbers that are not finite"):
+        save_minari("anser/short/diverged-v0", [episodes[0], diverged])
 
 
 @pytest.mark.long

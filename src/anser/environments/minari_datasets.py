@@ -16,7 +16,8 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
 
     `dataset_id` must have Minari's form, such as "anser/velocity-command/expert-v0"; `description` are further
     arguments of `minari.create_dataset_from_buffers`. Observations are clipped to +-`OBSERVATION_MAX`. Raises
-    ImportError if Minari is not installed, and ValueError for an empty sequence or episodes of a fleet.
+    ImportError if Minari is not installed, and ValueError for an empty sequence, for episodes of a fleet, or for numbers
+    that are not finite.
     """
     try:
         import minari
@@ -27,6 +28,9 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
         raise ValueError("episodes: arrived none; expected at least one episode")
     if np.ndim(episodes[0].observations) != 2:
         raise ValueError("episodes: arrived those of a fleet; expected episodes of an environment of one aircraft")
+    for number, episode in enumerate(episodes):
+        if not all(np.isfinite(part).all() for part in (episode.observations, episode.actions, episode.rewards)):
+            raise ValueError(f"episodes[{number}]: arrived numbers that are not finite; expected finite ones")
     make_buffer: Any = EpisodeBuffer
     buffers = [
         make_buffer(

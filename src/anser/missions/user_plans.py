@@ -54,11 +54,15 @@ class UserFirstPlan(FirstPlan):
         """Trim every aircraft at its start and plan by the user-defined planner.
 
         Raises ScenarioError if JAX cannot trace the planner, if its plans are not one `AircraftPlan` with leading axis
-        aircraft, or if an aircraft cannot be trimmed.
+        aircraft, if an arrival time is NaN or not after the start, or if an aircraft cannot be trimmed.
         """
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
-        return cls(scenario, flight, fleet, (), state.planner, state)
+        planned = cls(scenario, flight, fleet, (), state.planner, state)
+        if not np.all(planned.arrivals_s > 0.0):
+            arrived = f"arrival times {', '.join(f'{time_s:g}' for time_s in planned.arrivals_s)} s"
+            raise part_error("planner", flight.planner, "plans", arrived, "times after the start of the flight, 0 s")
+        return planned
 
     @functools.cached_property
     def plan(self) -> AircraftPlan:
