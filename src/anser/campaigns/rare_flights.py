@@ -235,6 +235,7 @@ class RareStore(AbstractFlightStore):
         content = io.BytesIO()  # np.save into a file would not report a full disk as the reason of an error
         np.save(content, values)
         path = self._last_file(start)
+        self._checksums.begin_chunk(start)
         write_file(path, content.getvalue(), overwrite=True)
         self._checksums.record_chunk(start, [path.name])
 

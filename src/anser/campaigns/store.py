@@ -195,6 +195,7 @@ class CampaignStore(AbstractFlightStore):
         }
         if self.series_selection is not None:
             columns |= self._series_columns(self.series_selection, flight_rows)
+        self._checksums.begin_chunk(chunk)
         with _write_every_chunk():
             for name, values in columns.items():
                 self._array(name)[flights] = values

@@ -157,12 +157,13 @@ class AbstractFlightStore(abc.ABC):
                 self._verified[series].add(chunk)
             else:
                 problems[chunk] = problem
-        if self._has_lock:  # a chunk interrupted while being written is incomplete, not damaged
+        if self._has_lock:
             return problems
+        # In this order: of a chunk that another process writes meanwhile, the mark ends after the record is complete.
         written = {int(path.stem) for path in self._last_file(0).parent.iterdir() if path.stem.isdecimal()}
-        return problems | dict.fromkeys(
-            sorted(written - self._checksums.chunks()), "the record of checksums is missing"
-        )
+        begun = self._checksums.begun()
+        damaged = written - begun - self._checksums.chunks()
+        return problems | dict.fromkeys(sorted(damaged), "the record of checksums is missing")
 
     @abc.abstractmethod
     def _last_file(self, chunk: int) -> Path:
@@ -179,6 +180,8 @@ def refuse_existing(folder: Path) -> None:
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
 
 
+_MARK = ".begun"
+"""Suffix of the mark of a chunk that is being written."""
 _BASE = "store"
 """Name of the record of the files written once at creation: metadata, coordinates, seeds, sampled values."""
 
@@ -187,8 +190,9 @@ class StoreChecksums:
     """Checksums of a store's files, in JSON files ("records") in the subfolder `checksums`.
 
     One record has the store's attributes and covers the files that are written only at creation (the "base"). Each
-    chunk has its own record, written last; a chunk with a record is therefore complete. Paths of files are relative to
-    the subfolder `data_folder`. A damaged or missing record raises StoreError, except in `chunk_problem`.
+    chunk has its own record, written last; a chunk with a record is therefore complete. A chunk that is being written
+    has a mark, which tells an interrupted chunk from one whose record was lost. Paths of files are relative to the
+    subfolder `data_folder`. A damaged or missing record raises StoreError, except in `chunk_problem`.
     """
 
     def __init__(self, folder: Path, data_folder: str) -> None:
@@ -200,9 +204,18 @@ class StoreChecksums:
         files = sorted(path for path in self._data_folder.rglob("*") if path.is_file())
         self._write(_BASE, (str(path.relative_to(self._data_folder)) for path in files), attributes)
 
+    def begin_chunk(self, chunk: int) -> None:
+        """Mark a chunk as being written, until `record_chunk`."""
+        self._mark(chunk).touch()
+
+    def begun(self) -> set[int]:
+        """Return the numbers of the chunks that are being written, or whose writing was interrupted."""
+        return {int(path.stem) for path in self._folder.glob(f"*{_MARK}")}
+
     def record_chunk(self, chunk: int, files: Iterable[str]) -> None:
-        """Record the checksums of a chunk's files, which marks the chunk as complete."""
+        """Record the checksums of a chunk's files: the chunk is complete."""
         self._write(str(chunk), files, {})
+        self._mark(chunk).unlink(missing_ok=True)
 
     def forget_chunk(self, chunk: int) -> None:
         """Remove the record of a chunk, which thereby counts as incomplete."""
@@ -270,6 +283,9 @@ class StoreChecksums:
         if not has_checksum or document.get("record") != name:
             raise StoreError(str(damaged_file_error(path, "a record without its checksum, or of another chunk")))
         return document
+
+    def _mark(self, chunk: int) -> Path:
+        return self._folder / f"{chunk}{_MARK}"
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.json"
