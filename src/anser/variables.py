@@ -45,7 +45,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "percent": ("percent", 1.0),
 }
 
-_EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _SIGHT, _NONE = (
+_EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _MEAN_AIR, _SIGHT, _NONE = (
     "WGS-84",
     "NED",
     "body FRD",
@@ -53,6 +53,7 @@ _EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _SIGHT, _NONE =
     "body FRD, relative to inertial space",
     "NED to body FRD",
     "NED, velocity through the air",
+    "NED, velocity through the air without gusts",
     "NEU, from the aircraft to the goal",
     "none",
 )
@@ -200,8 +201,8 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("inertial_pitch_rate", "deg_s", _BODY_INERTIAL, "Q_i", "Inertial pitch rate"),
     _variable("inertial_yaw_rate", "deg_s", _BODY_INERTIAL, "R_i", "Inertial yaw rate"),
     _variable("bank", "deg", _AIR, "μ", "Bank angle about the velocity"),
-    _variable("path_angle", "deg", _AIR, "γ", "Path angle"),
-    _variable("course", "deg", _AIR, "χ", "Course"),
+    _variable("path_angle", "deg", _MEAN_AIR, "γ", "Path angle"),
+    _variable("course", "deg", _MEAN_AIR, "χ", "Course"),
     _variable("load_factor", "", _BODY, "n_z", "Normal load factor"),
     # controls and engine
     *_surfaces(_SUBSCRIPTS),

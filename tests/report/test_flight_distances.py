@@ -41,6 +41,14 @@ def test_an_aircraft_at_rest_relative_to_the_goal_has_its_distance_as_miss():
     np.testing.assert_allclose(zero_effort_miss_m(still), 1000.0, rtol=1e-12)
 
 
+def test_on_a_round_earth_the_aircraft_moves_on_the_local_map():
+    """The recorded velocity is the true one; a position on the map far from its origin moves 1 % faster here."""
+    time = np.linspace(0.0, 15.0, 31)
+    round_earth = _passing_flight(time, 7.0).assign_attrs(earth_model="wgs84")
+    round_earth["velocity_north_m_s"] = round_earth["velocity_north_m_s"] / 1.01
+    np.testing.assert_allclose(zero_effort_miss_m(round_earth), 7.0, rtol=1e-9)
+
+
 def test_the_zero_effort_miss_at_the_arrival_is_the_miss_of_the_summary(flight):
     dataset, summary = flight
     velocities = {

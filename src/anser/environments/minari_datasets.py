@@ -16,8 +16,8 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
 
     `dataset_id` must have Minari's form, such as "anser/velocity-command/expert-v0"; `description` are further
     arguments of `minari.create_dataset_from_buffers`. Observations are clipped to +-`OBSERVATION_MAX`. Raises
-    ImportError if Minari is not installed, and ValueError for an empty sequence, for episodes of a fleet, or for numbers
-    that are not finite.
+    ImportError if Minari is not installed, and ValueError for an empty sequence, episodes of a fleet, or numbers that
+    are not finite.
     """
     try:
         import minari

@@ -200,11 +200,18 @@ def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
     """Compute the zero-effort miss, m, shape (time, aircraft).
 
     The zero-effort miss is the least future distance to the rendezvous if aircraft and goal keep their velocities.
-    After the closest approach it is the present distance.
+    After the closest approach it is the present distance. Distances on a round Earth are those of the local map.
     """
     offset = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _POSITION], axis=-1)
-    rate_components = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
-    rate = np.stack([*rate_components[:2], -rate_components[2]], axis=-1)
+    goal_n, velocity_n = (
+        np.stack([dataset[f"{prefix}_{a}"].values for a in _VELOCITY], axis=-1) * (1.0, 1.0, -1.0)
+        for prefix in ("goal_velocity", "velocity")
+    )
+    if dataset.attrs.get("earth_model") == "wgs84" and dataset.sizes["time"] > 1:
+        # the goal's velocity is that on the local map; the aircraft's recorded velocity is the true one
+        position = np.stack([dataset[a].values for a in _POSITION], axis=-1)
+        velocity_n = np.gradient(position, dataset["time"].values, axis=0)
+    rate = goal_n - velocity_n
     squared = np.sum(rate**2, axis=-1)
     time_to_go = np.divide(-np.sum(offset * rate, axis=-1), squared, out=np.zeros_like(squared), where=squared > 0.0)
     return np.linalg.norm(offset + np.maximum(time_to_go, 0.0)[..., np.newaxis] * rate, axis=-1)

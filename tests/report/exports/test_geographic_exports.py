@@ -87,6 +87,15 @@ def test_czml_contains_each_goal_once_and_each_rendezvous_until_the_arrival(flow
     np.testing.assert_allclose(height, 300.0)
 
 
+def test_the_rendezvous_of_a_thinned_record_is_seen_up_to_the_arrival(flown):
+    dataset, summary = flown
+    thinned = thin_record(dataset, 2.5)
+    later = thinned["time"].values[np.searchsorted(thinned["time"].values, 4.0)]
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(thinned, summary, START))}
+    assert later > 4.0
+    assert _seconds(raw["rendezvous-2"]["availability"].split("/")[1]) == pytest.approx(later)
+
+
 def test_names_are_escaped_in_czml(flown):
     dataset, summary = flown
     aircraft = [table | {"goal": "<img src=x onerror=alert(1)>"} for table in summary["aircraft"]]

@@ -71,12 +71,12 @@ def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
 def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, Track]]:
     """Return (goal's name, track of the rendezvous point) for each goal of aircraft number `index`.
 
-    A track ends at the arrival; if this time is missing, at the planned arrival; if both are missing, at the record's
-    end.
+    A track ends at the first sample at or after the arrival; if this time is missing, the planned arrival counts; if
+    both are missing, the track ends with the record.
     """
-    aircraft = summary["aircraft"][index]
+    aircraft, time_s = summary["aircraft"][index], dataset["time"].values
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
-    is_before_end = dataset["time"].values <= next(end_times, np.inf)
+    is_before_end = np.arange(time_s.size) <= np.searchsorted(time_s, next(end_times, np.inf))
     name = f"{aircraft['name']}: rendezvous"
     return [
         (goal, _track_on_local_map(dataset, name, "rendezvous_", index, flies_to_it & is_before_end))
