@@ -230,8 +230,7 @@ def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
     return next((k, kind.members.index(aircraft)) for k, kind in enumerate(flight.groups) if aircraft in kind.members)
 
 
-# Pauses between the complete searches after one event, s: the estimates of a goal settle meanwhile, the paths shorten.
-_SEARCH_PAUSES_S = (2.0, 5.0, 10.0)
+_SEARCHES_MAX = 3  # complete searches after one event
 _SETTLED_S = 10.0  # time after an event in which every replanning is checked, s; goal filters need time to settle
 
 
@@ -268,8 +267,8 @@ class EventSchedule:
         pairs = [(math.ceil(round(event.time_s / step_s, 6)), event) for event in scenario.event]
         self._coming = sorted(pairs, key=lambda pair: pair[0])
         self._replan_steps = round(scenario.timing.replan_period_s / step_s)
-        # index of the last goal event among the outcomes, number of searches made for it, first sample for the next
-        self._goal_event: tuple[int, int, int] | None = None
+        # index of the last goal event among the outcomes, and the searches left for it
+        self._goal_event: tuple[int, int] | None = None
 
     def apply_due(self, flight: Flight, state: FlightState, sample: int) -> tuple[Flight, FlightState]:
         """Apply the events that are due at sample `sample`, and return flight and state after the events."""
@@ -282,7 +281,7 @@ class EventSchedule:
             )
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
-                self._goal_event = len(self.outcomes) - 1, 0, 0
+                self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
         # If no goal is handed over, the plan after the last departure is flown.
         departure = next((outcome for outcome in reversed(self.outcomes) if outcome.kind == "aircraft-leaves"), None)
         has_valid_plan = departure is not None and departure.has_valid_plan
@@ -306,20 +305,16 @@ class EventSchedule:
     def check_replanning(self, flight: Flight, state: FlightState, sample: int) -> FlightState:
         """Search for a new plan if periodic replanning fails after an event of a goal, and return the state.
 
-        At most four searches follow an event of a goal (`GOAL_EVENTS`), with pauses of 2, 5 and 10 s. The checks end
-        when a search finds a plan, or when periodic replanning succeeds later than 10 s after the event. Without a new
-        plan, the state is unchanged.
+        At most three searches follow an event of a goal (`GOAL_EVENTS`). The checks end when a search finds a plan, or
+        when periodic replanning succeeds later than 10 s after the event. Without a new plan, the state is unchanged.
         """
         if self._goal_event is None:
             return state
-        (outcome_index, searches, first_sample), step_s = self._goal_event, self._scenario.timing.step_s
-        now_s = sample * step_s
+        (outcome_index, tries_left), now_s = self._goal_event, sample * self._scenario.timing.step_s
         event = self.outcomes[outcome_index]
         if int(np.asarray(state.planner.replanning)) not in (UNCHANGED, PARTLY_CORRECTED):
             if now_s > event.time_s + _SETTLED_S:
                 self._goal_event = None
-            return state
-        if sample < first_sample:
             return state
         self._on_progress(f"planning anew at {now_s:g} s")
         replanned_state = replan_fleet(self._scenario, flight, state, sample, self._on_progress)
@@ -327,7 +322,5 @@ class EventSchedule:
         self.outcomes[outcome_index] = dataclasses.replace(
             event, has_valid_plan=replanned_state is not None, message=message
         )
-        self._goal_event = None
-        if replanned_state is None and searches < len(_SEARCH_PAUSES_S):
-            self._goal_event = outcome_index, searches + 1, sample + round(_SEARCH_PAUSES_S[searches] / step_s)
+        self._goal_event = (outcome_index, tries_left - 1) if tries_left > 1 and replanned_state is None else None
         return state if replanned_state is None else replanned_state
