@@ -204,7 +204,10 @@ def test_wrong_parts_are_refused():
 
     for part, message in (
         ({"planner": Unstacked()}, r"Unstacked.plans: arrived float; expected an AircraftPlan"),
-        ({"planner": lines(jnp.nan)}, r"StraightLines.plans: arrived arrival times nan, nan, nan s; expected times after"),
+        (
+            {"planner": lines(jnp.nan)},
+            r"StraightLines.plans: arrived arrival times nan, nan, nan s; expected times after",
+        ),
         ({"planner": lines(0.0)}, "arrival times 0, 0, 0 s"),
         ({"controller": Returns}, "arrived the class Returns"),
         ({"controller": {"nobody": Returns(None)}}, 'arrived "nobody"; expected the name of an aircraft'),
