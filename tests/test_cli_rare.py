@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from anser.campaigns import rare_flights, read_rare
@@ -51,6 +52,24 @@ def test_rare_prints_its_probability_and_is_resumed(anser, study, tmp_path, monk
     code, printed, _ = anser("rare", study, "--out", out, "--processes", 1, "--resume", "--json")
     assert code == 0
     assert json.loads(printed) == json.loads((out / "rare.json").read_text())
+
+
+def test_the_help_names_the_table_of_the_study(anser):
+    code, printed, _ = anser("rare", "--help")
+    assert (code, "a table [rare]" in " ".join(printed.split())) == (0, True)
+
+
+def test_the_table_of_levels_has_medians(anser, study, tmp_path, monkeypatch):
+    """Of an even number of repetitions, the median is the mean of the two values in the middle."""
+    monkeypatch.setattr(rare_flights, "fly_many", made_up)
+    study.write_text(RARE_TEXT.replace("flights = 300\nrepetitions = 3", "flights = 400\nrepetitions = 4"))
+    code, printed, said = anser("rare", study, "--out", tmp_path / "out", "--processes", 1)
+    assert code == 0, said
+    levels = json.loads((tmp_path / "out" / "rare.json").read_text())["levels"]
+    values = levels[0]["bounds"]
+    assert len(values) == 4
+    assert np.median(values) not in values
+    assert f"{np.median(values):.3f}" in printed.split()
 
 
 @pytest.mark.parametrize(

@@ -214,4 +214,6 @@ def test_an_unsuitable_scenario_is_refused_before_flying(study, tmp_path):
         rare_study(rare=None)
     with pytest.raises(ScenarioError, match="until: arrived a table; expected none without"):
         rare_study(until={"width": 0.1})
+    with pytest.raises(ScenarioError, match="keep: arrived a table; expected none without"):
+        rare_study(keep={"worst": 3})
     assert not (tmp_path / "out").exists()

@@ -29,6 +29,12 @@ def test_a_flight_with_a_crash_does_not_improve_a_least_distance(name, expected)
     np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, name, upper=False), [*expected, -np.inf])
 
 
+def test_an_output_without_a_value_is_infinitely_bad_in_a_good_flight_too():
+    flights = FLIGHTS | {"depth": np.array([2.0, NONE, 3.0])}
+    np.testing.assert_array_equal(worst_of_fleet(flights, "depth"), [2.0, np.inf, np.inf])
+    np.testing.assert_array_equal(worst_of_fleet(flights, "depth", upper=False), [2.0, -np.inf, -np.inf])
+
+
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.95, 1.0])
 @pytest.mark.parametrize("failed", [0, 1, 5, 10])
 def test_quantiles_of_flights_without_arrival_are_infinite(share, failed):

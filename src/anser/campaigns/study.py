@@ -404,6 +404,8 @@ class Study(Table):
                 problems.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
             if self.until is not None:
                 problems.append(Problem("until", "a table", "none without a table [sampling]"))
+            if self.keep is not None:
+                problems.append(Problem("keep", "a table", "none without a table [sampling]"))
             return problems
         if sampling.method in ("grid", "table", "saltelli") and self.correlated:
             problems.append(Problem("correlated", "a table", f"none with the method {sampling.method}"))

@@ -1,6 +1,7 @@
 """Commands for studies: campaign fly, campaign report, campaign compare, rare."""
 
 import contextlib
+import statistics
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -362,7 +363,7 @@ def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
     unmet="the levels end before the threshold: the event is too rare for this method and its budget",
 )
 def rare(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table [rare].")],
+    study: Annotated[Path, typer.Argument(help=r"Study file (TOML) with a table \[rare].")],
     out: Annotated[Path, typer.Option(help="Folder of the event; new, unless --resume.")],
     resume: Annotated[bool, typer.Option("--resume", help="Fly what is missing of the event in the folder.")] = False,
     processes: _Processes = None,
@@ -417,5 +418,5 @@ def _print_rare_event(rare_event: "RareEvent") -> None:
 
 
 def _median(values: list[float | None]) -> float | None:
-    numbers = sorted(value for value in values if value is not None)
-    return numbers[len(numbers) // 2] if numbers else None
+    numbers = [value for value in values if value is not None]
+    return statistics.median(numbers) if numbers else None

@@ -203,12 +203,15 @@ def worst_of_fleet(
 
     - Flight that missed a requirement: inf (-inf if not `upper`) if an aircraft has no arrival or no value
     - Flight that met every requirement: missing values are ignored; -inf (inf if not `upper`) if all are missing
+    - Output of a study: inf (-inf if not `upper`) if the value is missing, also in a flight that met every requirement
     """
-    # a crash far from the goal must not improve the least distance: a missing value of a failed flight is the worst
+    # A crash far from the goal must not improve the least distance: a missing value of a failed flight is the worst. In
+    # a successful flight, a quantity is missing where it does not apply (an aircraft that left); an output always does.
+    is_output = name not in AIRCRAFT_QUANTITIES and name not in FLEET_QUANTITIES
     values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
     badness = (values if upper else -values).reshape(values.shape[0], math.prod(values.shape[1:]))
-    missing = np.where(is_met, -np.inf, np.inf)[:, None]
+    missing = np.where(is_met & (not is_output), -np.inf, np.inf)[:, None]
     worst = np.where(has_arrived, np.max(np.where(np.isnan(badness), missing, badness), axis=1), np.inf)
     return worst if upper else -worst
 
