@@ -68,10 +68,12 @@ def test_the_separation_of_an_aircraft_that_left_counts_and_that_of_a_single_air
 
 
 def test_each_kind_of_goal_has_the_clearance_with_the_least_margin():
-    # ROW keeps 290 of 280 m, a margin of 10; WORSE keeps 160 of 100 m, a margin of 60.
-    same_kind = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
+    # 290 of 280 m are a margin of 10, 160 of 100 m one of 60
+    same_kind = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 290.0, 280.0), ("surface", 160.0, 100.0)])
     assert same_kind == [{"name": "clearance_surface_min_m", "limit": 280.0, "value": 290.0, "met": True}]
-    different_kinds = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
+    different_kinds = evaluate_requirements(
+        [], [ROW, WORSE], FLEET, [("surface", 290.0, 150.0), ("airborne", 160.0, 161.0)]
+    )
     assert [(entry["name"], entry["met"]) for entry in different_kinds] == [
         ("clearance_surface_min_m", True),
         ("clearance_airborne_min_m", False),
@@ -83,7 +85,7 @@ def test_a_missing_number_is_not_met():
         [Requirement("clearance_min_m", 1.0)], [ROW, WORSE | {"clearance_min_m": None}], FLEET, []
     )
     assert (entry["value"], entry["met"]) == (None, False)
-    (entry,) = evaluate_requirements([], [ROW | {"clearance_min_m": None}], FLEET, [("surface", 1.0)])
+    (entry,) = evaluate_requirements([], [ROW, ROW], FLEET, [("surface", 2.0, 1.0), ("surface", None, 1.0)])
     assert (entry["value"], entry["met"]) == (None, False)
 
 

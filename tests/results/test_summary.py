@@ -112,6 +112,27 @@ def test_the_numbers_of_a_known_flight_are_exact():
     assert (fleet["wall_s"], fleet["simulated_s"]) == (1.5, 80.0)
 
 
+def test_each_goal_of_an_aircraft_is_judged_by_its_own_distance():
+    """Bert comes within 120 m of the tanker (100 m are required), then takes over the buoy (150 m are required)."""
+    history = flight()
+    history["clearance"][:, 1] = np.where(TIME < 20.0, 120.0, 310.0)
+    taken = [
+        {"time_s": 20.0, "kind": "goal-taken-over", "whom": "bert", "planned": True, "message": "", "goal": "buoy"}
+    ]
+    summary = summarize(TIME, history, scenario(), 0.0, events=taken, goals=("buoy", "buoy"))
+    judged = {entry["name"]: entry for entry in summary["requirements"] if entry["name"].startswith("clearance")}
+    assert judged["clearance_airborne_min_m"] == {
+        "name": "clearance_airborne_min_m",
+        "limit": 100.0,
+        "value": 120.0,
+        "met": True,
+    }
+    assert judged["clearance_surface_min_m"]["value"] == pytest.approx(300.0, abs=0.5)
+    assert judged["clearance_surface_min_m"]["met"]
+    without = summarize(TIME, history, scenario(), 0.0)["requirements"]
+    assert [entry["value"] for entry in without if entry["name"] == "clearance_airborne_min_m"] == [120.0]
+
+
 def test_the_separation_is_minimized_between_samples():
     history = flight()
     # They cross head on at 40.125 s, half way between two samples, 7 m apart.

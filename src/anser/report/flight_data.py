@@ -21,6 +21,7 @@ from anser.report.estimates import EFFECTIVENESS, STATIC_DERIVATIVES
 from anser.report.labels import html_label
 from anser.report.page_templates import render
 from anser.results.dataset import surface_names
+from anser.results.flight_rows import goals_over_time
 from anser.variables import CATALOGUE
 
 if TYPE_CHECKING:
@@ -425,15 +426,3 @@ def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
     standing = [(table, 0.0) for table in scenario.get("keep_out") or []]
     appearing = [(event["keep_out"], event["time_s"]) for event in scenario.get("event") or [] if event.get("keep_out")]
     return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
-
-
-def goals_over_time(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[tuple[str, float]]]:
-    """Return the goals of each aircraft in order of time, as (name of the goal, time of the assignment, s)."""
-    assigned = {str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry}
-    goals = {
-        str(entry["name"]): [(assigned.get(entry["name"], str(entry["goal"])), 0.0)] for entry in summary["aircraft"]
-    }
-    for entry in summary.get("events", ()):
-        if "goal" in entry:
-            goals[str(entry["whom"])].append((str(entry["goal"]), float(entry["time_s"])))
-    return list(goals.values())

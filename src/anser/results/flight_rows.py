@@ -51,6 +51,9 @@ def build_flight_row(
     scenario: Scenario,
     end_s: float | None = None,  # end of the record, s; None: the scenario's duration
     goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
+    # kind of a goal, and the least distance, m, of an aircraft from it while the aircraft flew to it; None: each
+    # aircraft flew to the scenario's goal, and the distances are the summary's
+    clearances: Sequence[tuple[str, float]] | None = None,
 ) -> FlightRow:
     """Compute the results of one flight from its summary; `series` and `outputs` of the result stay empty."""
     end_s = scenario.timing.duration_s if end_s is None else end_s
@@ -64,8 +67,14 @@ def build_flight_row(
     }
     if scenario.separation.required_m is not None:
         fleet["separation_ratio_min"] = finite_or_none(summary.separation_ratio_min)
-    clearances = [(kind, CLEARANCE_MIN_M[kind]) for kind in _clearance_kinds(scenario, aircraft)]
-    requirements = evaluate_requirements(scenario_requirements(scenario), aircraft, fleet, clearances)
+    if clearances is None:
+        kinds = {goal.name: goal.kind for goal in scenario.goal}
+        clearances = [
+            (kinds[config.goal], float(least))
+            for config, least in zip(scenario.aircraft, summary.clearance_min[: len(aircraft)], strict=True)
+        ]
+    required = [(kind, finite_or_none(least), CLEARANCE_MIN_M[kind]) for kind, least in clearances]
+    requirements = evaluate_requirements(scenario_requirements(scenario), aircraft, fleet, required)
     has_arrived = all(entry["status"] == ARRIVED or "left_s" in entry for entry in aircraft)
     is_met = has_arrived and all(config["met"] for config in requirements)
     return FlightRow(aircraft, fleet, requirements, is_met)
@@ -106,16 +115,16 @@ def _aircraft_entry(
     }
 
 
-def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the kind of each aircraft's goal, a key of `CLEARANCE_MIN_M`, which sets the required distance.
-
-    After a reassignment, the first and the last goal are compared; the kind with the greater distance is returned.
-    """
-    kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
-    return [
-        max((kind_by_goal[entry["goal"]], kind_by_goal[config.goal]), key=CLEARANCE_MIN_M.__getitem__)
-        for entry, config in zip(aircraft, scenario.aircraft, strict=True)
-    ]
+def goals_over_time(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[tuple[str, float]]]:
+    """Return the goals of each aircraft in order of time, as (name of the goal, time of the assignment, s)."""
+    assigned = {str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry}
+    goals = {
+        str(entry["name"]): [(assigned.get(entry["name"], str(entry["goal"])), 0.0)] for entry in summary["aircraft"]
+    }
+    for entry in summary.get("events", ()):
+        if "goal" in entry:
+            goals[str(entry["whom"])].append((str(entry["goal"]), float(entry["time_s"])))
+    return list(goals.values())
 
 
 AIRCRAFT_QUANTITIES = {

@@ -89,8 +89,8 @@ def evaluate_requirements(
     # aircraft entries and fleet entry of the summary
     aircraft: Sequence[_Entry],
     fleet: _Entry,
-    # for each aircraft the kind of its goal, and the least distance required from it, m
-    clearances: Sequence[tuple[str, float]],
+    # for every goal to which an aircraft flew: kind, least distance from it (None: missing), and required distance, m
+    clearances: Sequence[tuple[str, float | None, float]],
 ) -> list[dict[str, Any]]:
     """Evaluate a flight against its requirements, and against the least distances from its goals.
 
@@ -99,14 +99,9 @@ def evaluate_requirements(
     aircraft, as a separation of a single aircraft.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
-    for kind in dict.fromkeys(kind for kind, _ in clearances):
-        values = [
-            (entry["clearance_min_m"], limit)
-            for entry, (goal_kind, limit) in zip(aircraft, clearances, strict=True)
-            if goal_kind == kind
-        ]
-        missing = [pair for pair in values if pair[0] is None]
-        value, limit = missing[0] if missing else min(values, key=lambda pair: pair[0] - pair[1])
+    for kind in dict.fromkeys(kind for kind, _, _ in clearances):
+        values = [(value, limit) for goal_kind, value, limit in clearances if goal_kind == kind]
+        value, limit = min(values, key=lambda pair: -math.inf if pair[0] is None else pair[0] - pair[1])
         evaluations.append(_entry(f"clearance_{kind}_min_m", limit, value, value is not None and value >= limit))
     return evaluations
 

@@ -15,7 +15,7 @@ from anser.results.arrival import closest_approach, summarize_arrivals
 from anser.results.checksums import add_checksum, damaged_file_error, read_document
 from anser.results.documents import finite_or_none, software_versions
 from anser.results.faults import find_fault
-from anser.results.flight_rows import build_flight_row
+from anser.results.flight_rows import build_flight_row, goals_over_time
 from anser.results.separation import least_keep_out_room, least_separation, minimum_separation_ratio
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import HOLD, LEFT_FLEET, is_off_plan
@@ -138,6 +138,7 @@ def summarize(
         scenario,
         float(time[-1]),
         goals,
+        _clearances(time, history, scenario, events),
     )
     surface_lists = surfaces or [STANDARD_SURFACES] * len(scenario.aircraft)
     for column, (entry, surface_list) in enumerate(zip(flight_row.aircraft, surface_lists, strict=True)):
@@ -177,6 +178,22 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
     fleet["separation_ratio_min"] = None if separation_m is None else minimum_separation_ratio(history, separation_m)
     fleet["keep_out_room_min"] = least_keep_out_room(time, history, scenario)
     return FleetSummary(**fleet)
+
+
+def _clearances(
+    time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, events: Sequence[Mapping[str, Any]]
+) -> list[tuple[str, float]]:
+    """Return the kind of each goal to which an aircraft flew, and the least distance from it in that time, m."""
+    assigned = [{"name": aircraft.name, "goal": aircraft.goal} for aircraft in scenario.aircraft]
+    kinds, clearances = {goal.name: goal.kind for goal in scenario.goal}, []
+    for column, goals in enumerate(goals_over_time({"aircraft": assigned, "events": events}, {"aircraft": assigned})):
+        ends_s = [from_s for _, from_s in goals[1:]] + [np.inf]
+        for (goal, from_s), end_s in zip(goals, ends_s, strict=True):
+            flies_to_it = (time >= from_s) & (time < end_s)
+            if flies_to_it.any():
+                least = _finite_extreme(np.min, history["clearance"][flies_to_it, column])
+                clearances.append((kinds[goal], least))
+    return clearances
 
 
 def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:

@@ -123,7 +123,7 @@ class FleetTask:
         repeated_indices = np.tile(self.indices, times.shape[0])
         meets_conditions = may_arrive(
             self.tasks, self.airspace, repeated_indices, times[:, self.indices].ravel()
-        ).reshape(times.shape[0], -1)
+        ).reshape(times.shape[0], self.indices.size)
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:

@@ -13,9 +13,9 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from anser.report.flight_data import goals_over_time
 from anser.report.labels import printed_unit
 from anser.report.style import color_of
+from anser.results.flight_rows import goals_over_time
 from anser.spatial.wgs84 import recorded_geodetic_from_flat
 
 _POSITION_VARIABLES = tuple(
