@@ -165,7 +165,7 @@ def test_a_sequence_at_the_preferred_speed_names_the_aircraft_that_needs_longest
     [
         ([True, False, True], 2.0, [True, False, True], 'no path within its limits was found for "bravo" at 94.4 s'),
         ([True] * 3, 0.83, [False, True, False], '"alpha", at 74.4 s, and "charlie", at 84.4 s, apart: 0.83 of'),
-        ([True] * 3, 1.2, [True] * 3, "could arrive from 74.4 s on, but no holds afterwards"),
+        ([True] * 3, 1.2, [True] * 3, "could arrive from 74.4 s on, but no holds were found"),
     ],
 )
 def test_a_delayed_sequence_names_the_failure_of_the_attempt_before(proven_alone, ratio, feasible, reason):

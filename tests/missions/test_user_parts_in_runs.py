@@ -88,6 +88,25 @@ def test_own_planner_controller_and_sensor_give_the_ordinary_results(tmp_path):
     check_user_parts(flight, tmp_path / "run")
 
 
+def test_a_plan_that_passes_its_goal_is_not_flyable():
+    """The rendezvous is 300 m above the goal; these straight lines end 50 m above it."""
+    planned = anser.plan(shortened(1), planner=StraightLines(jnp.asarray(60.0), jnp.asarray([0.0, 0.0, 250.0])))
+    problem = planned.record().summary["problems"][-1]
+    assert 'passes its goal "boat-north" at 50 m, at 60.0 s; nearer than 150 m it breaks off in flight' in problem
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_the_recorded_plan_of_an_own_planner_has_the_winds_airspeeds(count):
+    windy = shortened(count).replace("wind", {"speed_m_s": 20.0, "from_deg": 0.0})
+    record = anser.plan(windy, planner=lines()).record()
+    assert not record.summary["problems"]
+    history = record.samples.history
+    speeds = np.sqrt(
+        history["velocity_down"] ** 2 + history["velocity_east"] ** 2 + (history["velocity_north"] + 20.0) ** 2
+    )
+    np.testing.assert_allclose(history["airspeed"], speeds, rtol=1e-9)
+
+
 @pytest.mark.long
 def test_a_plan_is_flown_with_further_parts(monkeypatch):
     randomness = flight_randomness(7, 3)

@@ -1,5 +1,6 @@
 """Output of a plan: dataset, summary, figure and table."""
 
+import dataclasses
 import functools
 import math
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PathLimits, describe_turns
 from anser.planning.published.coordination import PLAN_MESSAGES
 from anser.report.plan_figures import draw_plan
+from anser.results.arrival import closest_approach
+from anser.results.flight_rows import CLEARANCE_MIN_M
 from anser.results.plan_outputs import plan_summary, write_trajectories
 from anser.results.plan_record import PlanDetails, PlanSamples, plan_dataset
 from anser.results.summary import write_summary
@@ -172,7 +175,37 @@ def _record(
     samples = sample_plan(
         paths, 0.0, arrivals, gravity, goals, times, scenario.separation.required_m, scenario.keep_out, limits
     )
-    return RecordedPlan(samples, details)
+    problems = (*details.problems, *_goal_passes(samples, scenario))
+    return RecordedPlan(samples, dataclasses.replace(details, problems=problems))
+
+
+def _goal_passes(samples: PlanSamples, scenario: Scenario) -> tuple[str, ...]:
+    """Return a sentence for each aircraft that comes nearer to its goal, on the way, than a rendezvous may be.
+
+    No planner keeps a distance from the goals before the arrival; in flight such an aircraft breaks off.
+    """
+    axes = ("north", "east", "altitude")
+    positions = np.stack([samples.history[key] for key in axes], axis=-1) * (1.0, 1.0, -1.0)
+    sentences = []
+    for k, aircraft in enumerate(scenario.aircraft):
+        is_before = samples.time_s <= samples.arrival_times_s[k]
+        offset, required_m = (
+            samples.goal_positions_n[:, k] - positions[:, k],
+            CLEARANCE_MIN_M[scenario.goal_of(aircraft).kind],
+        )
+        if np.count_nonzero(is_before) < 2:
+            continue
+        time_s, distance_m = closest_approach(samples.time_s[is_before], offset[is_before], None)
+        if distance_m < required_m - _SAMPLING_ERROR_M:
+            sentences.append(
+                f'aircraft "{aircraft.name}" passes its goal "{aircraft.goal}" at {distance_m:.0f} m, at {time_s:.1f} '
+                f"s; nearer than {required_m:g} m it breaks off in flight. Another rendezvous.course_deg, or a "
+                "stand-off on the side from which it comes, may help"
+            )
+    return tuple(sentences)
+
+
+_SAMPLING_ERROR_M = 0.5  # of a distance between samples, with linear motion
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:

@@ -227,7 +227,10 @@ def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedP
             f'no paths were found that keep "{names[first]}", at {times[first]:.1f} s, and "{names[second]}", at '
             f"{times[second]:.1f} s, apart: {max(float(ratios[first, second]), 0.0):.2f} of the separation at best"
         )
-    return f"the aircraft could arrive from {float(np.min(times)):.1f} s on, but no holds afterwards keep them apart"
+    return (
+        f"the aircraft could arrive from {float(np.min(times)):.1f} s on, but no holds were found afterwards that keep "
+        "the limits, the distances from goals and keep-outs, and the separation"
+    )
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:

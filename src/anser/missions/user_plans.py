@@ -105,7 +105,10 @@ class UserFirstPlan(FirstPlan):
         """Return samples of the plan over time and a report, in which no path is compared with the limits."""
         from anser.missions.plan_output import record_user_plan
 
-        paths = PathThroughAir(self.plan.trajectory, self.flight.environment.wind)
+        # paths have a leading axis aircraft throughout, and so has their wind
+        count = len(self.scenario.aircraft)
+        wind = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), self.flight.environment.wind)
+        paths = PathThroughAir(self.plan.trajectory, wind)
         return record_user_plan(self.scenario, paths, self.arrivals_s, self.flight.environment.gravity, self.problems())
 
 

@@ -31,6 +31,14 @@ def earliest_duration(goal, goal_velocity, wind):
     return durations[np.argmax(admissible)]
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_no_arrival_times_are_an_empty_answer(count):
+    """All delays of an arrival may lie beyond the flight's end."""
+    tasks = stack_rows([aircraft_task((24_000.0, 10_000.0, -1700.0), (0.0, 0.0, 0.0))] * count)
+    fleet = FleetTask(tasks, airspace(STEADY), ArrivalRequest("together", 72.0))
+    assert fleet.admissible(np.empty((0, count))).shape == (0,)
+
+
 def test_a_path_is_too_long_even_with_tail_wind_and_greatest_speed():
     wind = float(np.hypot(*np.asarray(STEADY.velocity_n)[:2]))
     level = (24_000.0, 10_000.0, -1700.0)  # the rendezvous is 26 km away
