@@ -315,12 +315,16 @@ def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
         {n: subscript if subscripts.count(subscript) == 1 else n.replace("_", ",") for n, subscript in short.items()}
     )
     keys = [variable.key for variable in variables]
-    reserved_keys = {variable.key for variable in CATALOGUE} - _STANDARD_KEYS
-    twice = [name for name in surface_names if surface_names.count(name) > 1]
-    twice += [key for key in keys if key in reserved_keys or keys.count(key) > 1]
+    twice = [name for name in surface_names if surface_names.count(name) > 1 or not is_free_surface_name(name)]
+    twice += [key for key in keys if keys.count(key) > 1]
     if twice:
         raise ValueError(f"control surface {twice[0]!r}: another variable of the record has this name; choose another")
     return variables
+
+
+def is_free_surface_name(name: str) -> bool:
+    """Return whether no other variable of a flight has the name of a control surface, alone or with `_command`."""
+    return not {name, f"{name}_command"} & ({variable.key for variable in CATALOGUE} - _STANDARD_KEYS)
 
 
 def _initials(name: str) -> str:

@@ -47,6 +47,8 @@ def models_in(annotation):
         (("lag_s = 0.05\n", ""), "surface[0].lag_s", "nothing", "either lag_s, or frequency_rad_s and damping"),
         (('name = "aileron"', 'name = "elevator"'), "surface[1].name", "already the name of surface[0]", "its own"),
         (('name = "aileron"', 'name = "alpha"'), "surface[1].name", '"alpha"', "another name than"),
+        (('name = "aileron"', 'name = "throttle"'), "surface[1].name", '"throttle"', "a variable of flights has this"),
+        (('name = "aileron"', 'name = "bank"'), "surface[1].name", '"bank"', "or this name with _command"),
         (("alpha_deg = [-15.0, 25.0]", "alpha_deg = [25.0, -15.0]"), "validity.alpha_deg", "[25, -15]", "lesser"),
         (("airspeed_m_s = [13.0, 40.0]", "airspeed_m_s = 13.0"), "validity.airspeed_m_s", "13.0", "a list of two"),
         (("[engine.electric_propeller]", "[engine.electric_propellor]"), "engine.electric_propellor", "unknown", "elec"),

@@ -1,6 +1,7 @@
 """`anser.linearize`: trim point, linear model and its forms; conditions without a linear model."""
 
 import builtins
+import dataclasses
 import json
 
 import equinox as eqx
@@ -58,6 +59,8 @@ def test_state_space_has_the_matrices_and_names(level, rates_loop):
     assert system.state_labels == list(level.model.states)
     assert system.input_labels == ["throttle", "elevator", "aileron", "rudder"]
     assert system.dt == 0
+    of_file = dataclasses.replace(level, condition={**level.condition, "aircraft": "./my-uav.toml"})
+    assert of_file.state_space().name == "__my_uav_toml"  # python-control allows no dots
     sampled = rates_loop.state_space()
     assert sampled.dt == 0.02
     assert sampled.input_labels == ["P_command", "Q_command", "R_command"]

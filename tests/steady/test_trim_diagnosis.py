@@ -162,6 +162,12 @@ def test_a_diagnosis_without_nearest_trims_reports_that(diagnoses):
     )
 
 
+def test_the_diagnosis_of_a_glider_claims_no_impossibility(diagnoses):
+    message = dataclasses.replace(diagnoses["impossible"], is_glider=True).message()
+    assert "No change of" not in message
+    assert "exists at a single path angle" in message
+
+
 def test_a_left_turn_stays_a_left_turn():
     right_turn, left_turn = (
         nearest_trims(F16, STILL, target_deg(150.0, 1000.0, 0.0, 0.0, rate)) for rate in (25.0, -25.0)

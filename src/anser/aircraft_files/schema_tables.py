@@ -10,6 +10,7 @@ from pydantic_core import PydanticUndefined
 from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, DERIVATIVES, body_faults
 from anser.config.errors import Problem, describe_value, format_number
 from anser.config.tables import Table, expects, number, table, tables
+from anser.variables import is_free_surface_name
 
 SURFACE_PATTERN = r"^[a-z][a-z0-9_]{0,31}$"
 _SURFACE_NAME = "a name of 1 to 32 small letters, digits and underscores that begins with a letter"
@@ -121,6 +122,9 @@ class ActuatedSurface(Table):
         stops, second_order = (self.lower_deg, self.upper_deg), (self.frequency_rad_s, self.damping)
         if self.name in RESERVED_SURFACE_NAMES:
             expected = f"another name than {', '.join(sorted(RESERVED_SURFACE_NAMES))}"
+            problems.append(Problem("name", describe_value(self.name), expected))
+        elif not is_free_surface_name(self.name):
+            expected = "another name: a variable of flights has this name, or this name with _command"
             problems.append(Problem("name", describe_value(self.name), expected))
         if self.limit_deg is None and None in stops:
             problems.append(Problem("limit_deg", "nothing", _STOP_WAYS))

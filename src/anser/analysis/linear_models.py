@@ -1,6 +1,7 @@
 """Linear model of an aircraft about a trim point, with its modes, as a dataset, JSON or a python-control system."""
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,7 +18,6 @@ from anser.analysis.trim_points import ConditionError, flight_point, require_ste
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import Loop
-from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment, standard_environment
 from anser.results.documents import (
     finite_or_none,
@@ -250,7 +250,8 @@ class LinearizationResult:
             states=list(model.states),
             inputs=list(model.inputs),
             outputs=list(model.outputs),
-            name=str(self.condition["aircraft"]),
+            # python-control allows no dots, which the name of an aircraft file has
+            name=re.sub(r"\W", "_", str(self.condition["aircraft"])),
         )
 
     def write(self, path: Path) -> None:

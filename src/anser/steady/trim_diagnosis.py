@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool
 from anser.aircraft.air_data import AirData, Validity
 from anser.aircraft.air_data import is_outside as outside
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.engines import NoEngine
 from anser.aircraft.motion import air_data_and_forces
 from anser.compiling.options import compiled
 from anser.environment.environment import Environment
@@ -62,6 +63,7 @@ class TrimDiagnosis:
     point: TrimPoint
     violations: tuple[str, ...]
     nearest: tuple[NearestTrim, ...]
+    is_glider: bool = False  # whether the aircraft has no engine
 
     def message(self) -> str:
         """Return lines of text: the condition, the violated limits, and the nearest conditions with a trim."""
@@ -79,6 +81,11 @@ class TrimDiagnosis:
         lines = [f"No steady flight: {condition}.", *(f"- {violation}" for violation in self.violations)]
         if self.nearest:
             lines += ["All else unchanged:", *(f"- {trim.message()}" for trim in self.nearest)]
+        elif self.is_glider:
+            lines += [
+                "Without an engine, steady flight at an airspeed exists at a single path angle, which this search does "
+                "not find; the performance of the aircraft (performance()) tells its best glide."
+            ]
         else:
             rate = _changed_rate(t).replace("_", " ")
             lines += [f"No change of speed, path angle or {rate} alone makes it possible."]
@@ -186,7 +193,8 @@ def nearest_trims(
             )
         )
     nearest.sort(key=lambda trim: trim.distance)
-    return TrimDiagnosis(target, target_trim, violations, tuple(nearest))
+    is_glider = isinstance(getattr(airframe, "engine", None), NoEngine)
+    return TrimDiagnosis(target, target_trim, violations, tuple(nearest), is_glider)
 
 
 def _changed_rate(target: TrimTarget) -> str:
