@@ -18,6 +18,7 @@ from anser.analysis.trim_points import ConditionError, flight_point, require_ste
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import Loop
+from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment, standard_environment
 from anser.results.documents import (
     finite_or_none,
