@@ -157,7 +157,7 @@ class AbstractFlightStore(abc.ABC):
                 self._verified[series].add(chunk)
             else:
                 problems[chunk] = problem
-        if self._has_lock:
+        if self._has_lock:  # chunks without a record were removed when the lock was taken; others are being written
             return problems
         # In this order: of a chunk that another process writes meanwhile, the mark ends after the record is complete.
         written = {int(path.stem) for path in self._last_file(0).parent.iterdir() if path.stem.isdecimal()}
